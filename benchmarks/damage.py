@@ -160,7 +160,7 @@ def filtering(
 
 
 def spread(places: Places, problem: Problem) -> np.ndarray:
-    """The most damaged place of the training run, and others down to a tenth of its equivalent range."""
+    """The most damaged place of the training simulation, and others down to a tenth of its equivalent range."""
     q, theta = problem.x[:, : problem.model.size], problem.model.reference
     level = damage_at(coordinates_of(places, q), q, theta, settings(5.0))[1] ** (1 / 5.0)
     wanted = level.max() * np.linspace(1.0, 0.1, PLACES)

@@ -1,6 +1,7 @@
 """A long record of a test: `python -m benchmarks.long_record [samples]`, 10⁶ of eight gauges at 1 kHz where no number is given.
 
-The tip force of the cantilever, unknown, by eight gauges with the default tolerances: the training run again and again, with
+The tip force of the cantilever, unknown, by eight gauges with the default tolerances: the training simulation again and
+again, with
 noise. The record is a CSV file in a temporary folder, and `strainsight estimate` a process of its own. Prints the size of the
 file, what was forecast, how long it took and, on Linux, the largest memory of the process.
 """
@@ -46,7 +47,7 @@ def config(folder: Path) -> Path:
 
 
 def record(folder: Path, samples: int) -> Path:
-    """The training run of the gauges that were placed, which is periodic, with noise."""
+    """The training simulation of the gauges that were placed, which is periodic, with noise."""
     with (folder / "results" / "long" / "gauges.csv").open(encoding="utf-8") as lines:
         places = [[float(row[f"position_{axis}"]) for axis in "xyz"] for row in csv.DictReader(lines)]
     train = Artefact(folder / "results" / "long" / "train.h5")

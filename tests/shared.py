@@ -154,7 +154,7 @@ def without_hot_spots() -> Iterator[None]:
 
 @cache
 def strains(train: Artefact) -> np.ndarray:
-    """What every candidate of gauges reads in the training run (T + 1, m), H q."""
+    """What every candidate of gauges reads in the training simulation (T + 1, m), H q."""
     return np.asarray(train["/coordinate"] @ train["/gauges/row"].T)
 
 

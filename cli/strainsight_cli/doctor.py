@@ -45,13 +45,13 @@ def check_solver() -> DoctorFinding:
     reinstall = "pip install --force-reinstall numpy scipy pypardiso"
     if "solver" not in facts:
         return DoctorFinding("solver", FAILS, ended or "no result", reinstall)
-    text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s"
+    text = f"{facts['solver']}, {facts['unknowns']} degrees of freedom in {facts['seconds']:.2f} s"
     text += f", largest error of the solution {facts['error']:.1e}"
     if not facts["error"] < ACCURATE:
         return DoctorFinding("solver", FAILS, f"{text} (limit {ACCURATE:.0e})", reinstall)
     if facts["solver"] != "PARDISO":
         why = f" ({facts['why']})" if facts.get("why") else ""
-        meaning = "the solver is many times slower, and limited to 100 000 unknowns"
+        meaning = "the solver is many times slower, and limited to 100 000 degrees of freedom"
         return DoctorFinding("solver", WARNING, f"{text}; PARDISO is not available{why}, so {meaning}", install)
     return DoctorFinding("solver", GOOD, text)
 
@@ -112,7 +112,7 @@ def check_memory() -> DoctorFinding:
         )
     unknowns = largest_model(available)
     rounded = round(unknowns, 1 - math.floor(math.log10(max(unknowns, 1.0))))
-    text = f"{available:.1f} GiB available: models up to about {rounded:,.0f} unknowns".replace(",", " ")
+    text = f"{available:.1f} GiB available: models up to about {rounded:,.0f} degrees of freedom".replace(",", " ")
     if available < LEAST_MEMORY:
         remedy = f"end other programs; the smallest example needs {LEAST_MEMORY} GiB"
         return DoctorFinding("memory", FAILS, text, remedy)

@@ -100,7 +100,7 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
     short = (
         "" if peak <= available else f"; only {available:.2g} GiB are available: use a coarser mesh or a larger machine"
     )
-    return f"forecast: {stages} for {model.unknowns} unknowns, {peak:.2g} GiB; {factor}{short}"
+    return f"forecast: {stages} for {model.unknowns} degrees of freedom, {peak:.2g} GiB; {factor}{short}"
 
 
 def costs_of(

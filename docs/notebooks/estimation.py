@@ -27,7 +27,7 @@ test = api.estimate(case, mesh, reduced, training, screened)
 # %% [markdown]
 # ## Load
 #
-# The training run has the same sweep, so its load is the true one.
+# The training simulation has the same sweep, so its load is the true one.
 
 # %%
 time = test.estimated.time

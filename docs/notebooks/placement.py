@@ -29,7 +29,7 @@ print(*layout.advice, sep="\n")
 
 # %% [markdown]
 # Each function computes what the stage of the same name writes. The picture shows the candidates, coloured by their RMS
-# strain in the training run, and the four selected gauges.
+# strain in the training simulation, and the four selected gauges.
 
 # %%
 candidates = training.candidates.position[training.candidates.first]

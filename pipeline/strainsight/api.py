@@ -287,7 +287,7 @@ def reduce(case: Case, mesh: Mesh, modes_at_guess: Modes | None = None) -> Reduc
 
 
 def train(case: Case, mesh: Mesh, reduced: Reduced) -> Training:
-    """The training run, and what every candidate reads of it."""
+    """The training simulation, and what every candidate reads of it."""
     from strainsight.experiment.structure.training import trained
 
     return trained(case.config, mesh, reduced, case)[0]
@@ -327,7 +327,7 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
 def expect(
     case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges
 ) -> Expectation:
-    """Predicted σ of a filter with any gauges along the training run, under the configured loads.
+    """Predicted σ of a filter with any gauges along the training simulation, under the configured loads.
 
     `.std`: σ of every unknown relative to its scale; `.without`: the same without each gauge in turn; `.budget`: shares of the
     variance by source."""

@@ -15,7 +15,8 @@ SMALLER = "use a coarser mesh or a machine with more memory, or close other prog
 
 
 def require_memory(needed: float, what: str, remedy: str = SMALLER) -> None:
-    """Raise UserError where a step takes more than is available; needed [bytes]; what as in "the factor of 10 unknowns"."""
+    """Raise UserError where a step takes more than is available; needed [bytes]; what as in "the factor of 10 degrees of
+    freedom"."""
     available = available_memory()
     if needed > available:
         raise UserError(

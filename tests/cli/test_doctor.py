@@ -27,7 +27,7 @@ def test_doctor_passes_and_runs_every_check(found):
     assert {"python", "numpy", "solver", "solver: slepc", "rendering", "cores"} <= found.keys()
     assert {"memory", "disk", "locale", "terminal"} <= found.keys()
     assert not [finding for finding in found.values() if finding.result == FAILS]
-    assert found["solver"].value.startswith(("PARDISO, 8000 unknowns", "SuperLU, 8000 unknowns"))
+    assert found["solver"].value.startswith(("PARDISO, 8000 degrees of freedom", "SuperLU, 8000 degrees of freedom"))
 
 
 @pytest.mark.slow
@@ -54,7 +54,7 @@ def test_missing_pardiso_is_explained(tmp_path, monkeypatch):
     assert solver.result == WARNING
     assert "SuperLU" in solver.value
     assert "OSError: no libmkl_rt" in solver.value
-    assert "100 000 unknowns" in solver.value
+    assert "100 000 degrees of freedom" in solver.value
 
 
 def test_crashed_or_empty_rendering_fails(tmp_path, monkeypatch):

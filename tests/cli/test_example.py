@@ -180,7 +180,10 @@ def forecast_call(tmp_path):
     return lambda command, *more: CliRunner().invoke(app, [command, *words, *more])
 
 
-FORECAST = "forecast: modes 1 s, rom 1 s, place 4 s and spectrum 1 s for 246 unknowns, 0.15 GiB; processor time and memory"
+FORECAST = (
+    "forecast: modes 1 s, rom 1 s, place 4 s and spectrum 1 s for 246 degrees of freedom, 0.15 GiB; "
+    "processor time and memory"
+)
 
 
 def lines(result) -> list[str]:

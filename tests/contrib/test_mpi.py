@@ -57,7 +57,7 @@ def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_
     said = []
     factor = OverMpi(said.append)(K) if start(processes) else None
     frequency, shapes = modes(K, M, 8, factor=factor)
-    assert f"in {processes} processes: factorising {SIDE**3} unknowns" in said[0]
+    assert f"in {processes} processes: factorising {SIDE**3} degrees of freedom" in said[0]
     assert np.allclose(frequency, exact[:8], rtol=1e-11)
     assert np.allclose(shapes.T @ (M @ shapes), np.eye(8), atol=1e-11)
     assert np.allclose(shapes, modes(K, M, 8)[1], atol=1e-9 * np.abs(shapes).max())

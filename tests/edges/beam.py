@@ -220,7 +220,7 @@ def finished(
 
 
 def prepared(folder: Path, text: str, changes: Mapping[str, Any] = {}, *overrides: str) -> SimpleNamespace:
-    """Case, mesh, reduced model, training run and screened candidates of a placement, without artefacts."""
+    """Case, mesh, reduced model, training simulation and screened candidates of a placement, without artefacts."""
     (folder / "beam.bdf").write_text(text, encoding="ascii")
     (folder / "edge.yaml").write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, changes)), encoding="utf-8")
     case = api.load(folder / "edge.yaml", overrides)

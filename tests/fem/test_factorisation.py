@@ -78,7 +78,7 @@ def test_without_pardiso_a_warning_and_beyond_the_limit_an_error(monkeypatch):
     with pytest.warns(UserWarning, match="SuperLU replaces it"):
         factorise(spd())
     monkeypatch.setattr(factorisation, "SUPERLU_LIMIT", 100)
-    with pytest.raises(UserError, match="400 unknowns"):
+    with pytest.raises(UserError, match="400 degrees of freedom"):
         factorise(spd())
 
 
@@ -123,7 +123,7 @@ def test_too_little_memory_is_refused_before_it_is_taken(monkeypatch, available)
 
     monkeypatch.setattr(factorisation, "interface", watched)
     monkeypatch.setattr(memory, "available_memory", lambda: available)
-    with pytest.raises(UserError, match=r"27000 unknowns.*: .* GiB of memory are needed, but .* GiB are available"):
+    with pytest.raises(UserError, match=r"27000 degrees of freedom.*: .* GiB of memory are needed, but .* GiB are available"):
         factorise(laplacian(30))
     assert phases == ([] if available < 2e6 else [factorisation.ANALYSE])
 

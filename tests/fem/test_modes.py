@@ -60,7 +60,7 @@ def test_too_little_memory_for_the_lanczos_vectors_is_refused(monkeypatch):
     K, M, _ = chain(2000)
     factor = factorise(K)
     monkeypatch.setattr(memory, "available_memory", lambda: 1e5)
-    with pytest.raises(UserError, match=r"5 modes of a model with 2000 unknowns: .* GiB of memory are needed"):
+    with pytest.raises(UserError, match=r"5 modes of a model with 2000 degrees of freedom: .* GiB of memory are needed"):
         modes(K, M, 5, factor=factor)
 
 

@@ -321,8 +321,8 @@ def test_a_mesh_with_supports_and_a_rigid_tie_is_its_exponential(box, kind):
 
 @pytest.mark.slow
 def test_the_cantilever_agrees_with_its_modes_as_far_as_these_go():
-    """60 modes with static terms against 10 700 unknowns: closer than 40 modes are to 60, once every mode is resolved that
-    60 modes have; and close enough with the steps that the first modes need."""
+    """60 modes with static terms against 10 700 degrees of freedom: closer than 40 modes are to 60, once every mode is
+    resolved that 60 modes have; and close enough with the steps that the first modes need."""
     mesh = read_mesh(Path(__file__).parents[2] / "meshes" / "cantilever.bdf")
     model = build_model(mesh)
     S = input_shape(model, [PointLoad("tip", (0, 0, 1), node_id=2)])

@@ -185,7 +185,7 @@ def report(**changes):
         ),
         cases=tuple(
             ObservabilityCase(unknowns, excitation, hard * factor, 1e16 * hard, lost)
-            for excitation, factor in (("training run", 1.0), ("35 Hz", 2.0))
+            for excitation, factor in (("training simulation", 1.0), ("35 Hz", 2.0))
             for unknowns, hard, lost in (
                 (("tip",), 8.0, ""),
                 (("E", "rho"), 91.0, ""),

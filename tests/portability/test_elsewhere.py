@@ -57,7 +57,7 @@ def test_without_pardiso_a_warning_reports_what_that_costs():
     done = call("windows", "factorise")
     assert done.stdout == f"SuperLU {[float(x) for x in range(1, 10)]}\n"
     assert done.stderr.startswith("warning: the equation solver PARDISO is not available. SuperLU replaces it")
-    assert "limited to 100 000 unknowns" in done.stderr
+    assert "limited to 100 000 degrees of freedom" in done.stderr
 
 
 @pytest.mark.slow

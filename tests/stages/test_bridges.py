@@ -231,7 +231,7 @@ PATTERNS = bricks((8, 3, 2), "hex20")
 
 @pytest.fixture(scope="module")
 def beam(tmp_path_factory):
-    """The mesh and its reduced model, and changes → a case and its training run."""
+    """The mesh and its reduced model, and changes → a case and its training simulation."""
     folder = tmp_path_factory.mktemp("beam")
     plain = api.load(written(folder, UPRIGHT, deck=PATTERNS))
     mesh = api.mesh(plain)

@@ -118,7 +118,8 @@ def shares(artefact):
 
 @pytest.mark.slow
 def test_the_variance_of_an_estimate_is_made_of_what_place_expects(tmp_path):
-    """Of a constant under one known load: by place along the training run, by validate and estimate along what they found."""
+    """Of a constant under one known load: by place along the training simulation, by validate and estimate along what
+    they found."""
     results = changed(tmp_path, "test", KNOWN | {"frequency: 0": "frequency: 0.01"})
     code, said = estimated(tmp_path, results / "measured.csv", "estimate.start=settled")
     assert code == 0, said

@@ -181,7 +181,7 @@ REST = {"train.settle": "none"}
 
 @pytest.fixture(scope="module")
 def beam(tmp_path_factory):
-    """Changes of the config → the small beam with its training run."""
+    """Changes of the config → the small beam with its training simulation."""
     folder = tmp_path_factory.mktemp("settle")
     (folder / "ramp.csv").write_text("t,F\n-0.05,0\n1,1000\n", encoding="utf-8")
     return beam_in(folder)

@@ -91,7 +91,7 @@ LOAD = {
 
 
 def trained(folder, changes):
-    """The beam in its training run, and the static strain of every candidate under a newton (m,): the rows on K⁻¹ S."""
+    """The beam in its training simulation, and the static strain of every candidate under a newton (m,): the rows on K⁻¹ S."""
     folder.mkdir(exist_ok=True)
     own = prepared(folder, bricks(COUNTS), STATIC | changes)
     model = own.reduced.model

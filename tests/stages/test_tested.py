@@ -39,8 +39,8 @@ def options_of(folder):
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    """Placed gauges and the record of a training run that they would have made, in µm/m and wired the wrong way round at G2, with
-    its estimate; nothing of it was validated."""
+    """Placed gauges and the record of a training simulation that they would have made, in µm/m and wired the wrong way
+    round at G2, with its estimate; nothing of it was validated."""
     folder = tmp_path_factory.mktemp("tested")
     channels = CONFIG[CONFIG.index("    - {channel: G1") : CONFIG.index("  inputs:")]
     text = CONFIG.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf")).replace(

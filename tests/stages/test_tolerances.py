@@ -195,7 +195,7 @@ def share(y):
     ids=["gain", "offset", "drift", "temperature"],
 )  # fmt: skip
 def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, stated, source, change):
-    """Central differences of the filter itself, the extended one, on the readings of the training run."""
+    """Central differences of the filter itself, the extended one, on the readings of the training simulation."""
     extended = "filter.method=extended", "filter.drift=false"
     found = beam.expected(f"tolerances={yaml.safe_dump(NOTHING | stated, default_flow_style=True)}", *extended)
     slopes = beam.slopes(change)[:, :, 0]

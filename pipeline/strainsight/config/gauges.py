@@ -235,7 +235,7 @@ class AxisDirection(Angled):
 
 
 class PrincipalDirection(Angled):
-    """Measuring directions along the principal strain direction of each facet in the training run (stage `train`),
+    """Measuring directions along the principal strain direction of each facet in the training simulation (stage `train`),
     rotated by angles."""
 
     type: Literal["principal"] = Field(description="Kind of measuring direction.")
@@ -249,7 +249,7 @@ class RelativeNoise(Section):
 
     relative_to_strongest: Annotated[Positive, Plausible(1e-9, 1.0)] = Field(
         description="Noise standard deviation of one sample, divided by the largest RMS reading of all candidates in the "
-        "training run (stage `train`) [-]."
+        "training simulation (stage `train`) [-]."
     )
 
 
@@ -460,7 +460,7 @@ class Gauges(GaugeSites, Noisy):
     range: Annotated[Positive | None, STRAIN_RANGE] = expert(
         None,
         description="Largest strain that a gauge or a bridge arm can measure [strain]; candidates with a larger strain in "
-        "the training run (stage `train`) are removed. Default with `type`: range of the type.",
+        "the training simulation (stage `train`) are removed. Default with `type`: range of the type.",
     )
 
 
@@ -480,6 +480,6 @@ class MotionSensors(SensorSites, Noisy):
     )
     range: Annotated[Positive | None, Plausible(1e-9, 1e6, "m/s² or m")] = expert(
         None,
-        description="Largest reading of the sensor [m/s² or m]; candidates with a larger reading in the training run (stage "
-        "`train`) are removed.",
+        description="Largest reading of the sensor [m/s² or m]; candidates with a larger reading in the training simulation "
+        "(stage `train`) are removed.",
     )

@@ -1,4 +1,4 @@
-"""Loads: location, signal in the training run, and model of an unknown load."""
+"""Loads: location, signal in the training simulation, and model of an unknown load."""
 
 from __future__ import annotations
 

@@ -179,8 +179,8 @@ class ReducedModelSection(Section):
 
 
 class Train(TimeSpan):
-    """Training run: simulation of the response to `loads`. The simulated readings are used to select candidates (`screen`) and
-    to place gauges (`place`)."""
+    """Training simulation: the simulated response to `loads`. The simulated readings are used to select candidates
+    (`screen`) and to place gauges (`place`)."""
 
     model: Literal["dynamic", "static"] = Field(
         "dynamic",
@@ -232,9 +232,10 @@ class ProcessNoise(Section):
         None,
         ge=0,
         le=1e6,
-        description="Process noise of the velocities, relative to the RMS acceleration in the training run (stage `train`) "
-        "[-]. Null: 0.01, since without this noise the filter is overconfident if the damping is uncertain. Exception: with "
-        "the grid filter and tolerances.damping above 1, null is 0 in the filter, since this noise would bias the parameters.",
+        description="Process noise of the velocities, relative to the RMS acceleration in the training simulation (stage "
+        "`train`) [-]. Null: 0.01, since without this noise the filter is overconfident if the damping is uncertain. "
+        "Exception: with the grid filter and tolerances.damping above 1, null is 0 in the filter, since this noise "
+        "would bias the parameters.",
     )
 
 
@@ -254,7 +255,7 @@ class PlaceSection(LayoutSettings):
     instants: Count = Field(
         20,
         ge=1,
-        description="Number of instants, in the training run of each load case, at which the model is linearised and the "
+        description="Number of instants, in the training simulation of each load case, at which the model is linearised and the "
         "criterion is evaluated [-].",
     )
     parameter_samples: Count = expert(
@@ -396,7 +397,7 @@ class PlacementConfig(NamedRun, Damped):
     )
     rom: ReducedModelSection = with_defaults(ReducedModelSection, "Reduced model that depends on the parameters.")
     train: Train = Field(
-        description="Training run: simulation of the response to `loads`, for the selection of candidates and for `place`."
+        description="Training simulation: the simulated response to `loads`, for the selection of candidates and for `place`."
     )
     gauges: Gauges = Field(description="Candidate gauges, bonded gauges and their noise.")
     tolerances: StatedTolerances = with_defaults(

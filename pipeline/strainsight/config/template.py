@@ -63,7 +63,7 @@ screen:
 place:
   estimate: [{unknown}]{pad}             # ← parameters and loads from above
   keep: {keep}                         # ← number of gauges to bond
-  instants: 20                    # instants of the training run for the placement
+  instants: 20                    # instants of the training simulation for the placement
   aggregate: mean                 # criterion: mean or worst over the instants
   certificate: true               # compute a bound on the best possible layout
 

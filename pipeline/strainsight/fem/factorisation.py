@@ -38,7 +38,7 @@ def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     upper (n, n) the upper triangle of A, CSR with sorted indices. The memory of the factor is freed with the last reference to
     the result. Raises ImportError or OSError if PARDISO cannot be loaded, NumericalError if A is not positive definite, and
     UserError if the memory estimated by the analysis is not available."""
-    return factorise_with(upper, POSITIVE_DEFINITE, f"the factorisation with {upper.shape[0]} unknowns")[0]
+    return factorise_with(upper, POSITIVE_DEFINITE, f"the factorisation with {upper.shape[0]} degrees of freedom")[0]
 
 
 def factorise_with(
@@ -113,11 +113,11 @@ def _failure(code: int, phase: int, size: int) -> NumericalError | UserError:
         return NumericalError(NOT_DEFINITE, remedy=MECHANISM)
     if code == _NO_MEMORY:
         return UserError(
-            f"the memory is not sufficient to factorise the stiffness matrix of {size} unknowns",
+            f"the memory is not sufficient to factorise the stiffness matrix of {size} degrees of freedom",
             remedy="Use a coarser mesh or a computer with more memory, or close other programs.",
         )
     return NumericalError(
-        f"the equation solver PARDISO stopped with error code {code} in phase {phase} ({size} unknowns)",
+        f"the equation solver PARDISO stopped with error code {code} in phase {phase} ({size} degrees of freedom)",
         remedy="Look up the error code in the manual of oneMKL, section pardiso.",
     )
 
@@ -194,9 +194,9 @@ def factorise(A: sparse.csr_array) -> Factor:
     A (n, n) symmetric positive definite CSR; only its upper triangle is used. The matrix is scaled to a unit diagonal
     first, so that translations and rotations, or units far from SI, do not affect the pivots.
     Raises NumericalError if A is not positive definite; UserError if the memory is not sufficient (known after the analysis
-    of PARDISO, before its factorisation), and above 100 000 unknowns without PARDISO."""
+    of PARDISO, before its factorisation), and above 100 000 degrees of freedom without PARDISO."""
     scale, size = diagonal_scaling(A), A.shape[0]
-    require_memory(LEAST_BYTES * A.nnz, f"the factorisation with {size} unknowns")
+    require_memory(LEAST_BYTES * A.nnz, f"the factorisation with {size} degrees of freedom")
     upper = scaled_upper(A, scale)
     try:
         solve, name = pardiso(upper), "PARDISO"
@@ -205,7 +205,7 @@ def factorise(A: sparse.csr_array) -> Factor:
             raise too_large(size) from None
         warnings.warn(
             "the equation solver PARDISO is not available. SuperLU replaces it: it is two to five times slower and limited to "
-            "100 000 unknowns. On x86-64, install PARDISO with: pip install pypardiso",
+            "100 000 degrees of freedom. On x86-64, install PARDISO with: pip install pypardiso",
             MachineWarning,
             stacklevel=2,
         )
@@ -237,10 +237,10 @@ def scaled_upper(A: sparse.csr_array, scale: np.ndarray) -> sparse.csr_array:
 
 
 def too_large(size: int) -> UserError:
-    """Error for this number of unknowns without PARDISO."""
+    """Error for this number of degrees of freedom without PARDISO."""
     return UserError(
-        f"the model has {size} unknowns, but the equation solver SuperLU is limited to 100 000, and PARDISO is not installed",
-        remedy="Install PARDISO (pip install pypardiso, x86-64), or coarsen the mesh below 100 000 unknowns.",
+        f"the model has {size} degrees of freedom, the equation solver SuperLU is limited to 100 000, PARDISO is not installed",
+        remedy="Install PARDISO (pip install pypardiso, x86-64), or coarsen the mesh below 100 000 degrees of freedom.",
     )
 
 
@@ -266,10 +266,10 @@ def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]
 
     A (n, n) complex symmetric (A = Aᵀ); only its upper triangle is used. Some complex multiple of A must have a positive
     definite real part, so that no pivot can vanish. (K + sC + s²M)/s has one for Re s > 0.
-    Raises NumericalError if a pivot vanishes, UserError if the memory is not sufficient and above 100 000 unknowns without
-    PARDISO.
+    Raises NumericalError if a pivot vanishes, UserError if the memory is not sufficient and above 100 000 degrees of
+    freedom without PARDISO.
     Source: Higham, Mathematics of Computation 67 (1998); George, Ikramov and Kucherov, SIAM J. Matrix Anal. 23 (2002)."""
-    require_memory(COMPLEX_BYTES * A.nnz, f"the complex factorisation with {A.shape[0]} unknowns")
+    require_memory(COMPLEX_BYTES * A.nnz, f"the complex factorisation with {A.shape[0]} degrees of freedom")
     size = np.abs(A.diagonal())
     if not np.all(size > 0):
         raise NumericalError("the dynamic stiffness matrix has a zero on the diagonal", remedy=MECHANISM)
@@ -285,7 +285,7 @@ def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]
 
 
 def _pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
-    what = f"the complex factorisation with {upper.shape[0]} unknowns"
+    what = f"the complex factorisation with {upper.shape[0]} degrees of freedom"
     solve, iparm = factorise_with(upper, COMPLEX_SYMMETRIC, what, ((PERTURBATION, _TINY), (PIVOTING, 0)))
     if iparm[PERTURBED - 1]:
         raise NumericalError("a pivot of the dynamic stiffness matrix is zero", remedy=MECHANISM)
@@ -329,7 +329,7 @@ def relief_of(M: sparse.csr_array, rigid: np.ndarray) -> Relief:
 
 
 def pin_rigid_motions(K: sparse.csr_array, rigid: np.ndarray) -> sparse.csr_array:
-    """K with a spring to the ground in k unknowns that R (n, k) moves independently: positive definite.
+    """K with a spring to the ground in k degrees of freedom that R (n, k) moves independently: positive definite.
 
     A statically determinate support: balanced forces cause no force in its springs, for any spring stiffness."""
     at = qr(rigid.T, mode="r", pivoting=True)[1][: rigid.shape[1]]

@@ -135,7 +135,8 @@ def modes(
         K φ = ω² M φ,     φᵀMφ = 1,     the largest component of φ positive
 
     Among modes of one frequency, the first has the largest component of all their combinations, and so on
-    (`combine_repeated`), so that rounding does not choose the combination. Small models, and models with few massive unknowns,
+    (`combine_repeated`), so that rounding does not choose the combination. Small models, and models with few massive
+    degrees of freedom,
     are solved densely. K, M (n, n) symmetric, K − σM positive definite, M positive semidefinite; count ≤ the rank of M.
     shift σ ≤ 0 [rad²/s²]: 0 for a supported structure, negative for a free one (its rigid-body modes then come first);
     factor: of K − σM, if available, otherwise computed with `by`. rigid (n, k): all rigid-body motions of a free structure, for
@@ -154,7 +155,7 @@ def modes(
     if not 1 <= count <= massive:
         suffix = "" if relief is None else " in addition to the rigid-body modes"
         raise UserError(
-            f"the requested number of modes is {count}, but the number of unknowns with mass is only {massive}{suffix}",
+            f"the requested number of modes is {count}, but the number of degrees of freedom with mass is only {massive}{suffix}",
             remedy=f"Request 1 to {massive} modes.",
         )
     if shift > 0 or (shift and relief is not None):
@@ -188,7 +189,7 @@ def _lowest_modes(
     while True:
         wanted = min(count + guard, massive)
         if n <= DENSE_LIMIT or _basis(wanted) > n:
-            require_memory(8.0 * n * (4 * n + wanted), f"{count} modes of a model with {n} unknowns")
+            require_memory(8.0 * n * (4 * n + wanted), f"{count} modes of a model with {n} degrees of freedom")
             if relief is None:
                 inverse, shapes = _dense_modes(A.toarray(), M.toarray(), count, wanted)
             else:
@@ -230,10 +231,10 @@ def _dense_modes(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple
 def _condensed_modes(
     A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, factor: Factor, relief: Relief | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Few massive unknowns: φ = Z y of the responses Z to a unit force on each, ZᵀMZ y = (1/λ) ZᵀAZ y; for a free structure
-    to self-equilibrated forces on them."""
+    """Few massive degrees of freedom: φ = Z y of the responses Z to a unit force on each, ZᵀMZ y = (1/λ) ZᵀAZ y; for a
+    free structure to self-equilibrated forces on them."""
     n, massive = A.shape[0], np.flatnonzero(M.diagonal() > 0)
-    require_memory(8.0 * n * (3 * len(massive) + wanted), f"{count} modes of a model with {n} unknowns")
+    require_memory(8.0 * n * (3 * len(massive) + wanted), f"{count} modes of a model with {n} degrees of freedom")
     forces = np.zeros((n, len(massive)))
     forces[massive, np.arange(len(massive))] = 1.0
     if relief is not None:
@@ -245,7 +246,7 @@ def _condensed_modes(
 
 
 def _basis(wanted: int) -> int:
-    """Number of Lanczos vectors; as many massive unknowns are needed."""
+    """Number of Lanczos vectors; as many massive degrees of freedom are needed."""
     return 2 * wanted + 10
 
 
@@ -256,7 +257,7 @@ def _lanczos(
     the complement of the modes found, x ← (I − Φ ΦᵀM) x, until they find no mode lower than the last. A search to the accuracy
     `ROUGHLY`, |error| ≤ `ROUGHLY`/λ, usually decides this for a third of the solutions."""
     n = A.shape[0]
-    require_memory(8.0 * n * (_basis(wanted) + 3 * wanted), f"{count} modes of a model with {n} unknowns")
+    require_memory(8.0 * n * (_basis(wanted) + 3 * wanted), f"{count} modes of a model with {n} degrees of freedom")
     inverse, shapes = _complement_modes(A, M, wanted, factor, np.zeros((n, 0)))
     while True:
         if factor.lowest is not None:
@@ -282,7 +283,7 @@ def _block_modes(
         return None
     n, width = A.shape[0], 1 if near is None or near.shape[1] < count + EXTRA else count + EXTRA
     most = 3 * (count + EXTRA) + 30 if width == 1 else 12 * (count + EXTRA)
-    require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"{count} modes of a model with {n} unknowns")
+    require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"{count} modes of a model with {n} degrees of freedom")
     try:
         if near is None or width == 1:
             start = factor.solve(M @ np.random.default_rng(0).standard_normal((n, 1)))

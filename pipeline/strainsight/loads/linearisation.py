@@ -90,7 +90,7 @@ def linearisation_instants(
 
     The eligible instants, in time order, are divided into `count` equal strata and one is sampled from each. A parameter is
     unobservable where its force vanishes, so that the nearest of such instants would dominate a plain sample.
-    x (s, 2n), u (s, n_u): the whole training run. `count=1, share=0` is the thesis: one random instant.
+    x (s, 2n), u (s, n_u): the whole training simulation. `count=1, share=0` is the thesis: one random instant.
     Returns indices, ascending; fewer than `count` if fewer are eligible; [0] without unknown parameters (F* is then
     constant). Raises ConfigError if a parameter never affects the motion."""
     if not unknowns.parameters:
@@ -103,8 +103,9 @@ def linearisation_instants(
     for name, peak in zip(unknowns.parameters, largest, strict=True):
         if peak <= 0:
             raise ConfigError(
-                f"the motion in the training run does not depend on {name}",
-                remedy="Apply a load that deforms the regions of this parameter in the training run, or remove the parameter.",
+                f"the motion in the training simulation does not depend on {name}",
+                remedy="Apply a load that deforms the regions of this parameter in the training simulation, or "
+                "remove the parameter.",
             )
     act = (size / largest).min(axis=1)
     eligible = np.flatnonzero(act >= share * act.max())

@@ -86,7 +86,7 @@ def observability(
 
         F̃ = D⁻¹ F* D / ω₁,   H̃ = H* D,   D = diag(a/ω, a, 1, 1)
 
-    F (n*, n*) in x* = [q, q̇, ũ, p]; H (m, n*) rows over the largest reading of the training run; names of the unknowns ũ, p;
+    F (n*, n*) in x* = [q, q̇, ũ, p]; H (m, n*) over the largest reading of the training simulation; names of the unknowns ũ, p;
     frequency ω (n,) [rad/s] of the model coordinates at the reference; state_amplitude a: largest ‖(ωq, q̇)‖ of that run
     [√J]; raw_scale (len(names),): amplitudes and guesses for `condition_raw` as the thesis defines it, in the units of
     [q, q̇, u, θ], so that it depends on units; raw_rows (m, n*): its H*, default H.
@@ -310,8 +310,8 @@ def cases(
     groups = (("input", tuple(inputs)), ("E", tuple(moduli)), ("rho", tuple(densities)), ("damping", tuple(damping)))
     if not np.all(largest > 0):
         raise ConfigError(
-            f"{np.sum(~(largest > 0))} of {len(largest)} channels have zero readings in the training run",
-            remedy="Apply a load that these channels measure in the training run, or remove their sensors.",
+            f"{np.sum(~(largest > 0))} of {len(largest)} channels have zero readings in the training simulation",
+            remedy="Apply a load that these channels measure in the training simulation, or remove their sensors.",
         )
     lam = modal_basis(model, model.reference)[0]
     n = model.size

@@ -108,7 +108,7 @@ def d_optimal(rows: np.ndarray, variance: np.ndarray, prior: np.ndarray, keep: i
         log det(I + h_g Σ h_gᵀ),    Σ⁺ = Σ − Σ hᵀ (I + h Σ hᵀ)⁻¹ h Σ,    Σ₀ = C,    h at unit noise
 
     rows (pool, k) or (pool, c, k) [strain, or the unit of the channel]; variance r (pool,) or (pool, c) [its square],
-    positive also of zero rows; prior C (k, k): covariance of the coordinates in the training run.
+    positive also of zero rows; prior C (k, k): covariance of the coordinates in the training simulation.
     Returns `keep` gauges, ascending; the lower index wins a tie. Source: Krause, Singh and Guestrin, JMLR 9 (2008)."""
     _check(len(rows), keep)
     blocks = _blocks(rows / np.sqrt(variance)[..., None])

@@ -198,7 +198,7 @@ class Observed:
     excitation: tuple[str, ...] = dataset(
         "1",
         "/excitation",
-        "name of every excitation: load case, 'training run' (the simulation of the stage `train`), or frequency",
+        "name of every excitation: load case, 'training simulation' (the simulation of the stage `train`), or frequency",
     )
     case: tuple[str, ...] = dataset(
         "1",

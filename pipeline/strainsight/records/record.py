@@ -2,7 +2,7 @@
 
     @record
     class Train:
-        time: np.ndarray = dataset("s", "/time", "time of the training run")
+        time: np.ndarray = dataset("s", "/time", "time of the training simulation")
         strain: np.ndarray = dataset("strain", "/time × channel", "reading of every channel")
 
 Writing (`written`), reading (`read`), shape checks and docs/artefacts.md (`listed`) use these declarations. A field may be an

@@ -105,7 +105,7 @@ class StrainOperatorRows:
 
 @record
 class CaseMotion:
-    """Training run of a load case."""
+    """Training simulation of a load case."""
 
     time: np.ndarray = dataset("s", "instant", "times of the simulation of this load case in the stage `train`")
     load: np.ndarray = dataset(
@@ -197,7 +197,7 @@ class Training:
         return readings
 
     def motion_in(self, case: str) -> Training | CaseMotion:
-        """Training run of a load case; "": the configured loads."""
+        """Training simulation of a load case; "": the configured loads."""
         return self.cases[case] if case else self
 
     @property

@@ -227,7 +227,7 @@ def _interior(
     most = int(np.count_nonzero(M.diagonal() > 0))
     if modes is not None and not 0 <= modes <= most:
         raise InfeasibleError(
-            f"the requested number of modes is {modes}, but the body has only {most} unknowns apart from its interface nodes",
+            f"{modes} modes are requested, but the body has only {most} degrees of freedom apart from its interface nodes",
             remedy=f"Request 0 to {most} modes.",
         )
     if cutoff is not None and not cutoff > 0:

@@ -41,7 +41,7 @@ def run_rom(context: Context[PlacementConfig]) -> Output:
             "basis_size": reduced.model.size,
             "projection_error": worst,
         },
-        message=f"{size} unknowns reduced to {reduced.model.size}, first mode {hertz(first, 2)} Hz, "
+        message=f"{size} degrees of freedom reduced to {reduced.model.size}, first mode {hertz(first, 2)} Hz, "
         f"largest relative error of the reduced model (frequencies, static responses) {worst:.1e}",
         tables=warnings_table([f"{source}: {text}" for text in other.notes] if other else ()),
     )
@@ -67,7 +67,7 @@ def run_modes(context: Context[PlacementConfig]) -> Output:
     return Output(
         datasets=written(modes),
         summary={"unknowns": size, "modes": len(frequency), "first": float(frequency[0]), "last": float(frequency[-1])},
-        message=f"{len(frequency)} modes of {size} unknowns, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
+        message=f"{len(frequency)} modes of {size} degrees of freedom, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
         tables=(
             Table(
                 f"natural frequencies for {values}",
@@ -95,7 +95,7 @@ def run_spectrum(context: Context[PlacementConfig]) -> Output:
     message = "mode shapes depend on the parameters; the stage validate computes the modes of the simulated test"
     if len(frequency):
         band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
-        message = f"{len(frequency)} modes of {size} unknowns, {band} at the centre of the parameter ranges"
+        message = f"{len(frequency)} modes of {size} degrees of freedom, {band} at the centre of the parameter ranges"
     return Output(written(spectrum), {"unknowns": size, "modes": len(frequency)}, message)
 
 

@@ -37,7 +37,7 @@ from strainsight.stages import inputs
 
 
 def run_train(context: Context[PlacementConfig]) -> Output:
-    """The training run, and where bonded gauges were moved to."""
+    """The training simulation, and where bonded gauges were moved to."""
     reduced = inputs.reduced(context)
     training, surface = trained(context.config, inputs.mesh(context), reduced, context)
     pool, moved = training.candidates, training.moved

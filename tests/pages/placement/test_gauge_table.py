@@ -96,7 +96,7 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
 
 def test_cases_are_rows_and_excitations_are_columns(full):
     text = cases_table(full().cases)
-    assert head(text) == ["unknowns", "training run", "35 Hz", "not observable"]
+    assert head(text) == ["unknowns", "training simulation", "35 Hz", "not observable"]
     assert cells(text) == [
         ["tip", 8.0, 16.0, ""],
         ["E, rho", 91.0, 182.0, ""],

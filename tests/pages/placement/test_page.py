@@ -85,7 +85,7 @@ def test_what_cannot_be_distinguished_is_reported_by_its_smallest_sets(full):
         "All unknowns are observable. rho and tip: jointly weakly observable."
     )
     once = tuple(replace(case, lost="") if case.excitation == "35 Hz" else case for case in cases)
-    assert "E, rho and tip: jointly weakly observable at training run." in observed(full, cases=once)
+    assert "E, rho and tip: jointly weakly observable at training simulation." in observed(full, cases=once)
 
 
 def test_what_was_asked_for_and_is_lost_is_reported_loudly(full):

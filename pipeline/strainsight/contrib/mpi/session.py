@@ -165,8 +165,8 @@ class OverMpi:
             session.close()
             raise
         self.say(
-            f"SLEPc {hello['slepc']} with MUMPS in {hello['processes']} processes: factorising {A.shape[0]} unknowns used "
-            f"{answer['memory'] * 1e6 / GIB:.3g} GiB of memory"
+            f"SLEPc {hello['slepc']} with MUMPS in {hello['processes']} processes: factorising {A.shape[0]} degrees "
+            f"of freedom used {answer['memory'] * 1e6 / GIB:.3g} GiB of memory"
         )
         return _factor(session, scale)
 

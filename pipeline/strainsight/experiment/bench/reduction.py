@@ -55,7 +55,8 @@ def reduce_output(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resour
         reduced[name], first, size = body, float(frequency[0]), len(body.mass)
         summary |= {f"unknowns.{name}": unknowns, f"coordinates.{name}": size, f"first_frequency.{name}": first}
         text.append(
-            f"{name} {unknowns} unknowns → {size} coordinates, first mode {first:.4g} Hz, first omitted mode {body.cut:.4g} Hz"
+            f"{name} {unknowns} degrees of freedom → {size} coordinates, first mode {first:.4g} Hz, first omitted "
+            f"mode {body.cut:.4g} Hz"
         )
         text += [
             f"the reduced model of {name} is valid for the modulus {key} from {low:.4g} to {high:.4g} Pa"

@@ -124,8 +124,8 @@ def advice(
         *best_possible(layout.certificate, task.criterion, task.over, task.sigma),
         *_uneliminated(task, layout),
         *(
-            f"{', '.join(labels[i] for i in group)} are redundant in the training run: their readings are nearly proportional, "
-            "so together they only average noise."
+            f"{', '.join(labels[i] for i in group)} are redundant in the training simulation: their readings are "
+            "nearly proportional, so together they only average noise."
             for group in groups
         ),
         *_failures(labels, loss, expected.std, expected.without),
@@ -235,6 +235,6 @@ def _percent(share: float) -> str:
 def _loads(labels: Sequence[str], load: np.ndarray) -> Iterator[str]:
     for label, share in zip(labels, load, strict=True):
         if share > 1:
-            yield f"{label} exceeds its measuring range: the strain in the training run is {share:.2g} times the limit."
+            yield f"{label} exceeds its measuring range: the strain in the training simulation is {share:.2g} times the limit."
         elif share > NEARLY:
-            yield f"{label} uses {100 * share:.0f} % of its measuring range in the training run."
+            yield f"{label} uses {100 * share:.0f} % of its measuring range in the training simulation."

@@ -247,7 +247,7 @@ def training_units(quantity: np.ndarray) -> dict[str, str]:
 
 
 def channels_of(training: Training, screened: Screened) -> CandidateChannels:
-    """All channels of the training run with their noise."""
+    """All channels of the training simulation with their noise."""
     pool = training.candidates
     return CandidateChannels(
         training.rows, training.change, pool.quantity, screened.noise_std, pool.gauge, pool.bridged
@@ -255,7 +255,7 @@ def channels_of(training: Training, screened: Screened) -> CandidateChannels:
 
 
 def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:
-    """List of gauges (k,) with their readings in the training run."""
+    """List of gauges (k,) with their readings in the training simulation."""
     return gauge_list(
         training.candidates, training.name, gauges, screened.family, training.peak, screened.range, training.strained
     )

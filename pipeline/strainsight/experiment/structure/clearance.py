@@ -196,7 +196,7 @@ STEP = 0.001
 
 
 def at_gauges(structure: Structure, gauges: np.ndarray) -> AtGauges | None:
-    """Strain gradients and access at gauges (k,) along the training run; None for gauges without a surface.
+    """Strain gradients and access at gauges (k,) along the training simulation; None for gauges without a surface.
 
     With the slopes s₁, s₂ of a grid's strain along e₁ and e₂, its strain ε and time t:
 
@@ -330,7 +330,7 @@ MOST = 20
 
 
 def tested_hot_spots(structure: Structure, gauges: np.ndarray) -> HotSpots | None:
-    """Hot-spot test of gauges (k,) on solids at the guess along the training run, NaN for others; None without solids."""
+    """Hot-spot test of gauges (k,) on solids at the guess along the training simulation, NaN for others; None without solids."""
     config, mesh, reduced, pool = structure.config, structure.mesh, structure.reduced, structure.pool
     if (
         structure.training.strain_operator is not None
@@ -366,7 +366,7 @@ def _pressed_nodes(config: PlacementConfig, mesh: Mesh) -> np.ndarray:
 
 
 def at_guess(structure: Structure) -> Mesh:
-    """Mesh with the moduli of the training run, without springs."""
+    """Mesh with the moduli of the training simulation, without springs."""
     mesh, reference = structure.mesh, structure.reduced.model.reference
     for name, entry in structure.config.parameters.items():
         if of_stiffness(entry.property):

@@ -1,4 +1,4 @@
-"""Expected σ of a layout along the training run, with all gauges and without each, and its variance budget."""
+"""Expected σ of a layout along the training simulation, with all gauges and without each, and its variance budget."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from strainsight.sensors.candidates import STRAIN, UNITS
 
 
 def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> Expectation:
-    """σ along the training run from a 100 % prior, tolerances included, and its variance by source.
+    """σ along the training simulation from a 100 % prior, tolerances included, and its variance by source.
 
     For a constant parameter the final σ, else the RMS over the last half. gauges (k,): numbers; tolerances: at least of their
     channels. The failure of a gauge is modelled by very large noise."""
@@ -43,7 +43,7 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
         claim = covariance_recursion(model, problem.x, problem.u, start, considered)
     if not np.isfinite(claim.std).all():
         raise NumericalError(
-            "the predicted σ along the training run is not finite",
+            "the predicted σ along the training simulation is not finite",
             key="train.time_step",
             remedy="Check that the noise levels do not differ by many orders of magnitude, and that the time step resolves the "
             "load models (process_noise).",
@@ -59,7 +59,7 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
 
 
 def redundant_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -> list[tuple[int, ...]]:
-    """Groups of redundant gauges (k,), by index: they read the same quantity equally in the training run.
+    """Groups of redundant gauges (k,), by index: they read the same quantity equally in the training simulation.
 
     Compared are rows R L with L Lᵀ = cov(q), the covariance (n, n), so that coordinates are uncorrelated with unit variance."""
     values, V = np.linalg.eigh(covariance)
@@ -161,7 +161,7 @@ def unresolved_candidates(training: Training) -> str:
     if not straining.any() or (largest := float(training.peak[straining].max())) >= RESOLVED:
         return ""
     return (
-        f"The largest reading of all gauges in the training run is {_size(largest)}, below the amplifier resolution of "
+        f"The largest reading of all gauges in the training simulation is {_size(largest)}, below the amplifier resolution of "
         f"{_size(RESOLVED)}. {LOUDER.capitalize()} (loads.*.signal, mesh.length_unit, mesh.mass_unit)."
     )
 
@@ -188,8 +188,8 @@ def loud_noise(training: Training, screened: Screened) -> str:
     if not loud:
         return ""
     return (
-        f"The noise of one sample exceeds every reading of the training run: {'; '.join(loud)}. Check the loads, and noise_std "
-        "of these sensors: noise_std has the unit of the reading (1 µm/m is 1e-6)."
+        f"The noise of one sample exceeds every reading of the training simulation: {'; '.join(loud)}. Check the "
+        "loads, and noise_std of these sensors: noise_std has the unit of the reading (1 µm/m is 1e-6)."
     )
 
 
@@ -201,7 +201,7 @@ def unresolved_gauges(listed: GaugeList) -> Iterator[str]:
     those = ", ".join(f"{listed.labels[i]} ({_size(float(listed.peak[i]))})" for i in weak)
     others = "" if len(weak) == len(listed.labels) else ", or move these gauges (gauges.include, gauges.exclude)"
     remedy = f"{LOUDER.capitalize()}{others}"
-    yield f"Readings in the training run below the amplifier resolution of {_size(RESOLVED)}: {those}. {remedy}."
+    yield f"Readings in the training simulation below the amplifier resolution of {_size(RESOLVED)}: {those}. {remedy}."
 
 
 def _size(strain: float) -> str:

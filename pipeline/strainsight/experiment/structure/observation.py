@@ -37,7 +37,8 @@ HEADER = 116
 def observed_of(
     config: PlacementConfig, reduced: Reduced, training: Training, screened: Screened, using: Resources
 ) -> Observed:
-    """Observability of every combination of unknown loads, moduli and densities, for the training run and every frequency."""
+    """Observability of every combination of unknown loads, moduli and densities, for the training simulation and every
+    frequency."""
     model, every = reduced.model, channels_of(training, screened)
     pool = np.flatnonzero(np.isin(every.gauge, screened.kept))
     amplitude = {}
@@ -84,7 +85,9 @@ def _excitations(
     """Label, motion x (s, 2n) = [q, q̇] and loads u (s, n_u) [N] for each excitation."""
     excitations = [
         (label, np.hstack([motion_of_case.coordinate, motion_of_case.velocity]), motion_of_case.load)
-        for label, motion_of_case in zip(sorted(training.cases) or ["training run"], training.motions, strict=True)
+        for label, motion_of_case in zip(
+            sorted(training.cases) or ["training simulation"], training.motions, strict=True
+        )
     ]
     for frequency in config.observe.frequencies:
         duration = max(config.train.duration, 5 / frequency)
@@ -153,7 +156,7 @@ def _unit(name: str, place: int, n: int) -> str:
 
 
 def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: int, allowed: bool) -> str:
-    """Name the unknowns that channels (k,) cannot determine at any instant of the training run; empty without any.
+    """Name the unknowns that channels (k,) cannot determine at any instant of the training simulation; empty without any.
 
     Raises InfeasibleError if there are some and this is not allowed."""
     p, u = problem, instant_values(problem.u)
@@ -174,7 +177,7 @@ def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: in
 
 
 def _linearised(problem: Problem, channels: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """F* (s, n*, n*) and H* (s, m, n*) at some instants of the training run."""
+    """F* (s, n*, n*) and H* (s, m, n*) at some instants of the training simulation."""
     p = problem
     motion = p.model, p.unknowns, p.model.reference, p.x[at], instant_values(p.u)[at]
     F = linearise(*motion)

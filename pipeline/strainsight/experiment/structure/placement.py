@@ -1,4 +1,4 @@
-"""Placement on a structure: linearised training run, pool of gauges, optimised layout, and its output (5.3)."""
+"""Placement on a structure: linearised training simulation, pool of gauges, optimised layout, and its output (5.3)."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class StructurePlacement(Placement):
 def placement_of(
     config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, using: Resources
 ) -> StructurePlacement:
-    """Linearise along the training runs, eliminate, exchange, certify, and predict σ of the layout.
+    """Linearise along the training simulations, eliminate, exchange, certify, and predict σ of the layout.
 
     Raises InfeasibleError if no layout within the limits detects every unknown."""
     structure = Structure(config, using.files, mesh, reduced, training)

@@ -47,7 +47,7 @@ SILENT = 1e12
 class Problem:
     """Estimation problem before gauges are chosen.
 
-    run, x (steps + 1, 2n), loading: training run; Q (n*, n*): process intensity of the filter, frozen_Q: of the placement;
+    run, x (steps + 1, 2n), loading: training simulation; Q (n*, n*): process intensity of the filter, frozen_Q: of the placement;
     printed: whether the printed numbers of the thesis are reproduced; channels: of all candidates; scheme, form, iterations: of
     the extended filter; method: of the filter; drifting: whether parameters drift or are constants."""
 
@@ -68,12 +68,12 @@ class Problem:
 
     @property
     def u(self) -> np.ndarray:
-        """Hold coefficients (steps, HOLD, n_u) [N] of the training run."""
+        """Hold coefficients (steps, HOLD, n_u) [N] of the training simulation."""
         return self.loading.coefficients
 
     @property
     def h(self) -> float:
-        """Step [s] of the training run."""
+        """Step [s] of the training simulation."""
         return self.loading.h
 
     @property

@@ -22,8 +22,8 @@ from strainsight.sensors.installation import installation_variance
 from strainsight.sensors.screening import BEND, CLEARANCE, Screening, screen
 
 COHERENCE = 0.01
-"""Correlation time of the white noise that replaces installation errors, relative to the training run. If these errors exceed
-the noise of a gauge, its value hardly changes the layout."""
+"""Correlation time of the white noise that replaces installation errors, relative to the training simulation. If these
+errors exceed the noise of a gauge, its value hardly changes the layout."""
 AT_A_TIME = 4000
 """Gauges whose sensitivities are in memory at a time."""
 
@@ -62,8 +62,8 @@ def _moments(structure: Structure, run: TrainingRun) -> tuple[np.ndarray, np.nda
 
 
 def _motions(structure: Structure, run: TrainingRun) -> Iterator[tuple[ReducedModel, np.ndarray, np.ndarray]]:
-    """Yield model, x (T + 1, 2n) and static residual (T + 1, n_u, misalignments) [N rad or N m] of the training run, and of one σ
-    of every misalignment."""
+    """Yield model, x (T + 1, 2n) and static residual (T + 1, n_u, misalignments) [N rad or N m] of the training
+    simulation, and of one σ of every misalignment."""
     reduced, motion = structure.reduced, structure.training.motion_in(run.name)
     tolerances, off = structure.tolerances, reduced.misaligned
     std = np.repeat([np.deg2rad(tolerances.load_angle), tolerances.load_position], 2)
@@ -165,7 +165,7 @@ def _by_unknowns(structure: Structure, noise_std: np.ndarray, v: np.ndarray | No
     alone, config = list(_alone(structure)), structure.config
     if not alone:
         raise InfeasibleError(
-            f"in the training run, no reading of a candidate depends on {' or '.join(config.place.estimate)}",
+            f"in the training simulation, no reading of a candidate depends on {' or '.join(config.place.estimate)}",
             key="place.estimate",
             remedy="Use training loads that excite these unknowns, for example a recorded signal that is not zero.",
         )
@@ -226,7 +226,7 @@ def _noise_std(noise: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) 
     strongest = float(rms.max())
     if strongest <= 0:
         raise ConfigError(
-            "relative noise is undefined because all candidates read zero in the training run",
+            "relative noise is undefined because all candidates read zero in the training simulation",
             key=key,
             remedy=f"Set {key}: {{value: …}}, or use loads that strain the structure.",
         )

@@ -1,4 +1,4 @@
-"""A structure with its config, mesh, reduced model and training run."""
+"""A structure with its config, mesh, reduced model and training simulation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from strainsight.sensors.surface_paths import Skin, skin_of
 
 @dataclass(frozen=True)
 class Structure:
-    """config; files: paths by config key; mesh; reduced model; training run."""
+    """config; files: paths by config key; mesh; reduced model; training simulation."""
 
     config: PlacementConfig
     files: Mapping[str, Path]

@@ -354,8 +354,8 @@ MOST_LOAD = 10.0**9
 class SurfaceStrain:
     """Signed principal strain of largest magnitude at every exterior facet centre (f,).
 
-    load: single load, "" for all of a training run; size [unit]: of that load; case: load case, "" for the configured loads;
-    instant [s]: of that run; free: whether the structure is free."""
+    load: single load, "" for all of a training simulation; size [unit]: of that load; case: load case, "" for the
+    configured loads; instant [s]: of that run; free: whether the structure is free."""
 
     strain: np.ndarray
     load: str = ""
@@ -369,10 +369,10 @@ class SurfaceStrain:
 def surface_strains(
     mesh: Mesh, reduced: Reduced, training: Training, loads: Mapping[str, LoadSection], free: bool = False
 ) -> tuple[SurfaceStrain, ...]:
-    """Strain ε = B Ψ q at the guess under every single load and in every training run; empty without a surface.
+    """Strain ε = B Ψ q at the guess under every single load and in every training simulation; empty without a surface.
 
     Single load: q = K⁻¹ S u, u = 1 unit or a power of 1000 that reaches 1 µm/m, with inertia relief for a `free` structure.
-    Training run: at the instant of the largest strain energy ½ qᵀKq."""
+    Training simulation: at the instant of the largest strain energy ½ qᵀKq."""
     if not mesh.has_surface:
         return ()
     try:

@@ -1,4 +1,4 @@
-"""Training run: simulate the reduced model under its loads and read every candidate (5.2)."""
+"""Training simulation: simulate the reduced model under its loads and read every candidate (5.2)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from strainsight.sensors.surface_paths import skin_of
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """One training run.
+    """One training simulation.
 
     name: of its load case, "" for the configured loads; key: config section; weight [-]: of the case; duration, time_step [s];
     settle: start of the motion; signals: by load; silent: loads that do not act."""
@@ -134,12 +134,12 @@ def typical_of(
 AT_A_TIME = 1000
 """Bridge arms whose readings in time are in memory at a time."""
 LEAST_PERIODS = 1e-3
-"""Fewest periods of the last mode in a training run. In shorter runs stiffness has no visible effect, and the Riccati equation
-exceeds double precision at 4e-5 periods."""
+"""Fewest periods of the last mode in a training simulation. In shorter runs stiffness has no visible effect, and the
+Riccati equation exceeds double precision at 4e-5 periods."""
 MOST_PERIODS = 1e6
 """Most periods of the first mode in a time step; beyond, the motion is static to all digits."""
 READINGS = (1e-50, 1e50)
-"""Range of the largest reading of a training run [strain, m/s², m], so that its fourth power is finite."""
+"""Range of the largest reading of a training simulation [strain, m/s², m], so that its fourth power is finite."""
 MOST_DAMPED = 1e4
 """Largest damping ratio of the least damped mode."""
 SIGNAL_TO_NOISE = (1e-4, 1e9)
@@ -290,7 +290,7 @@ def refuse_damping(damping: Damping, frequency: np.ndarray) -> None:
 
 
 def refuse_times(frequency: np.ndarray, duration: float, step: float, section: str = "train") -> None:
-    """Raises InfeasibleError if a training run is too short or its time step too long for all modes.
+    """Raises InfeasibleError if a training simulation is too short or its time step too long for all modes.
 
     frequency (modes,) [Hz], ascending; duration, step [s]: of the config `section`."""
     first, last = float(frequency[0]), float(frequency[-1])
@@ -318,7 +318,7 @@ def refuse_readings(readings: np.ndarray) -> None:
         return
     side, limit = ("above", high) if not largest <= high else ("below", low)
     raise InfeasibleError(
-        f"the largest reading of the training run is {largest:.2g} (strain, m/s² or m), {side} the limit of {limit:g}",
+        f"the largest reading of the training simulation is {largest:.2g} (strain, m/s² or m), {side} the limit of {limit:g}",
         key="loads",
         remedy="Check the amplitude of the loads [N] and the modulus [Pa].",
     )

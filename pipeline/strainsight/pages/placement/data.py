@@ -127,8 +127,8 @@ class Criteria:
 
 @dataclass(frozen=True)
 class ObservabilityCase:
-    """Observability of one set of unknowns: excitation ("training run", "35 Hz"); condition of the scaled PBH matrix at λ = 0,
-    raw: of the unscaled matrix; lost: weakly observable combination, in words."""
+    """Observability of one set of unknowns: excitation ("training simulation", "35 Hz"); condition of the scaled PBH
+    matrix at λ = 0, raw: of the unscaled matrix; lost: weakly observable combination, in words."""
 
     unknowns: tuple[str, ...]
     excitation: str

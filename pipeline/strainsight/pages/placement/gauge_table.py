@@ -28,7 +28,7 @@ BONDED = (
 )
 REFINED = (
     "Refined mesh: change of the strain at the gauge if the element size around it is halved twice. The change is relative to "
-    "the RMS strain of the training run (simulation in the stage `train`). A large change indicates a "
+    "the RMS strain of the training simulation (simulation in the stage `train`). A large change indicates a "
     "hot spot: a corner, the end of a support or a concentrated force."
 )
 UNOBSERVABLE = "∞: without this gauge the unknown is not observable."
@@ -125,7 +125,7 @@ def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
     ids = "Numbers refer to the imported table of gauges" if imported(gauges) else "Ids refer to the mesh file"
     sentences = {
         f"{ids}; the angle is measured from the projected axis.": True,
-        "Training peak: largest reading of the training run, relative to the measuring range.": any(
+        "Training peak: largest reading of the training simulation, relative to the measuring range.": any(
             gauge.peak is not None for gauge in gauges
         ),
         REFINED: any(gauge.refined is not None for gauge in gauges),
@@ -279,7 +279,7 @@ def load_cases_table(report: PlacementReport) -> str:
     head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
     caption = (
         "The placement minimises the mean or the maximum of the weighted metrics of all load cases. Metric: metric of the "
-        "layout for this load case alone. Expected σ: computed with the simulated load history (training run) of the load "
+        "layout for this load case alone. Expected σ: computed with the simulated load history (training simulation) of the load "
         "case. Expected σ of a load is relative to the amplitude of the load in this case."
     )
     return table("load cases", head, rows, caption=caption, numeric=range(1, len(head)))
@@ -298,8 +298,8 @@ def cases_table(cases: Sequence[ObservabilityCase]) -> str:
     head = ["unknowns", *map(escape, excitations), "not observable"]
     caption = (
         "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0; a larger number means weaker observability. "
-        "States are scaled by the motion amplitude of the training run (stage `train`), so only numbers in one column (the same "
-        "excitation) are comparable."
+        "States are scaled by the motion amplitude of the training simulation (stage `train`), so only numbers in one "
+        "column (the same excitation) are comparable."
     )
     return table("sets of unknowns", head, rows, caption=caption, numeric=range(1, len(head) - 1))
 

@@ -31,7 +31,7 @@ from strainsight.text import listed
 
 SINGULAR = 1e13
 """Condition number above which its digits are rounding errors."""
-TRAINING = "training run"
+TRAINING = "training simulation"
 
 
 @dataclass(frozen=True)

@@ -205,7 +205,7 @@ def _placement_candidates(name: str, layout: PictureLayout, train: Artefact) -> 
     others = candidates.first[candidates.quantity[candidates.first] != STRAIN]
     title, layout = f"{name}: {candidates.gauges} candidates", replace(layout, pool=candidates.position[others])
     return _dotted(
-        title, layout, grids.position[strains], rms * MICRO, "RMS strain in the simulated training run", "µm/m"
+        title, layout, grids.position[strains], rms * MICRO, "RMS strain in the simulated training simulation", "µm/m"
     )
 
 
