@@ -7,7 +7,7 @@ Usage: prose.py [--changed] [--count | --list | --sample N [--seed S]] [PREFIX �
     --changed   read only files changed by the last commit or since
     --count     print the number of problems by rule and by package
     --list      print every sentence that a user can meet, as `file:line: text`
-    --sample    print N of them, drawn at random
+    --sample    print N of them, drawn at random; parts that begin or end inside a sentence are left out
 
 Read are the manual, and of pipeline/ and cli/ docstrings, comments, messages, help and page texts; of tests only their names.
 The forbidden words are in words.toml.
@@ -33,6 +33,7 @@ LAYOUT = r"(upper|lower|outside|center|best) (left|right|upper|lower|center).*|t
 LONGEST_SENTENCE = 30
 LONGEST_LINE = 120
 LONGEST_PARAGRAPH = 5
+PART = re.compile(r"\[?[,;:()].*|.*[,:(]")
 SENTENCE_END = re.compile(r"(?<=[.!?…])[)\"'*_`]*\s+(?=[\"'(*_`\[]*[A-ZΑ-Ωσλφ0-9{])")
 ABBREVIATIONS = re.compile(r"\b(e\.g|i\.e|cf|vs|etc|eq|Eq|Fig|fig|approx|no|No|al|ch|sec|p|pp|Dr|St)\.(?=\s)")
 
@@ -391,7 +392,8 @@ def main():
     if options.list or options.sample:
         listed = [entry for entry in user_sentences() if entry[0].startswith(prefixes)]
         if options.sample:
-            listed = random.Random(options.seed).sample(listed, options.sample)
+            whole_texts = [entry for entry in listed if not PART.fullmatch(entry[2])]
+            listed = random.Random(options.seed).sample(whole_texts, options.sample)
         for name, line, text in listed:
             print(f"{name}:{line}: {text}")
         return 0
