@@ -229,13 +229,13 @@ class SurfaceField(OnFlexibleBody):
         "motion with the estimated moduli (`estimate`).",
     )
     every: Annotated[int | None, Plausible(1, 1e6)] = expert(
-        None, ge=1, description="Number of time steps between two stored fields [-]; null: computed from `instants`."
+        None, ge=1, description="Number of time steps between two stored instants [-]; null: computed from `instants`."
     )
     instants: int | None = Field(
         None,
         ge=2,
         le=10_000,
-        description="Number of stored fields, evenly spaced over the run [-]; null: 50, or computed from `every`.",
+        description="Number of stored instants, evenly spaced over the simulation [-]; null: 50, or computed from `every`.",
     )
     allowable: Stress | None = expert(
         None,
