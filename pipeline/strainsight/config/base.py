@@ -101,12 +101,15 @@ def step_problems(key: str, duration: float, step: float, fewest: int, most: int
 
 
 def known(key: str, name: str, names: Collection[str], kind: str, at_key: bool = False) -> Iterator[Problem]:
-    """Yield a problem unless the name is one of the known names."""
+    """Yield a problem unless the name is one of the known names of this kind."""
+    yield from one_of(key, name, names, f"no {kind} has the name '{name}'", at_key)
+
+
+def one_of(key: str, name: str, names: Collection[str], what: str, at_key: bool = False) -> Iterator[Problem]:
+    """Yield a problem with the message `what` unless the name is one of the known names."""
     if name not in names:
         listed = ", ".join(names) or "none"
-        yield Problem(
-            key, f"no {kind} has the name '{name}'", did_you_mean(name, names, f"known names: {listed}"), at_key
-        )
+        yield Problem(key, what, did_you_mean(name, names, f"known names: {listed}"), at_key)
 
 
 def duplicate_name_problems(key: str, names: Sequence[str]) -> Iterator[Problem]:
@@ -191,9 +194,9 @@ class Unbounded:
 
 Marker = Plausible | PlausibleBy | Unbounded
 
-PRICE = Unbounded("a price in any currency")
-READING = Unbounded("a reading in the unit of the measurement file")
-COMPARED = Unbounded("a limit or factor in the unit of the compared result")
+PRICE = Unbounded("prices have no plausible range: any currency")
+READING = Unbounded("readings have no plausible range: their unit is the unit of the measurement file")
+COMPARED = Unbounded("limits and factors of compared results have no plausible range: any unit")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
@@ -269,14 +272,14 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)
 RunName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
 """Name of a run: its folder in the results folder."""
 
-Id = Annotated[int, Unbounded("an id of a node, region, node set or element set of the deck")]
+Id = Annotated[int, Unbounded("ids of nodes, regions, node sets and element sets have no plausible range")]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Count = Annotated[int, Field(ge=1), Plausible(1, 10_000)]
 Text = Annotated[str, Field(min_length=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector = tuple[float, float, float]
-DIRECTION = Unbounded("a direction vector of any length")
+DIRECTION = Unbounded("direction vectors have no plausible range: their length is not used")
 DirectionVector = Annotated[Vector, DIRECTION]
 """A vector of nonzero length (checked by `section_problems`)."""
 Point = Annotated[Vector, Plausible(0.0, 1e4, "m")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from strainsight.config.base import Problem, duplicate_name_problems, known, section_problems, step_problems
+from strainsight.config.base import Problem, duplicate_name_problems, known, one_of, section_problems, step_problems
 from strainsight.config.checks_model import gauge_problems, model_problems
 from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
@@ -110,7 +110,7 @@ def _estimate(config: PlacementConfig) -> Iterator[Problem]:
     yield from duplicate_name_problems("place.estimate", config.place.estimate)
     for i, name in enumerate(config.place.estimate):
         key = f"place.estimate.{i}"
-        yield from known(key, name, [*config.parameters, *config.loads], "parameter or load")
+        yield from one_of(key, name, [*config.parameters, *config.loads], f"no parameter or load has the name '{name}'")
         if name in config.loads and config.loads[name].known:
             what = f"load '{name}' is known, but place.estimate is a list of unknowns"
             yield Problem(key, what, f"set loads.{name}.known: false, or remove {name} from place.estimate")
@@ -197,7 +197,9 @@ def _validation(config: PlacementConfig) -> Iterator[Problem]:
             what = f"the initial σ is {std:g} times the guess, more than {LARGEST_START:g} times"
             remedy = f"use at most {LARGEST_START:g}; 0.1 is 10 % of the guess"
             yield Problem(f"validate.initial_std.{name}", what, remedy)
-        yield from known(f"validate.initial_std.{name}", name, unknowns, "parameter or load", at_key=True)
+        yield from one_of(
+            f"validate.initial_std.{name}", name, unknowns, f"no parameter or load has the name '{name}'", at_key=True
+        )
     for name in config.place.estimate:
         if name in unknowns and name not in config.validation.initial_std:
             what = f"the initial standard deviation of '{name}' is missing"
@@ -210,7 +212,12 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
     if config.estimate is None:
         return
     for name in config.estimate.initial_std:
-        yield from known(f"estimate.initial_std.{name}", name, config.place.estimate, "entry of place.estimate")
+        yield from one_of(
+            f"estimate.initial_std.{name}",
+            name,
+            config.place.estimate,
+            f"no entry of place.estimate has the name '{name}'",
+        )
     yield from record_problems(config, config.estimate)
     load_names = {f"estimate.inputs.{name}": name for name in config.estimate.inputs}
     for i, record in enumerate(config.estimate.records):
@@ -262,7 +269,8 @@ def _other_channels(
 
 def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Problem]:
     """Check the keys that support one record only."""
-    method, one = config.filter.method, "or replace estimate.records by estimate.file with one record"
+    method = config.filter.method
+    one = "or replace estimate.records by estimate.file with one record"
     if method != "grid":
         what = f"filter.method: {method} supports one record only"
         yield Problem("estimate.records", what, f"set filter.method: grid, {one}", at_key=True)

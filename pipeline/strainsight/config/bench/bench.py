@@ -198,9 +198,9 @@ class Simulate(TimeSpan):
     )
     tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = expert(
         None,
-        description="Largest permitted integration error of the motion of each body over the whole run [-], relative to the "
-        "largest norm of the coordinates of this body. For a rotation, the value is the error in rad. Each step is halved until "
-        "another halving changes the motion by less than this value divided by the number of steps. The loads are "
+        description="Largest permitted integration error of the motion of each body over the whole simulation [-], relative "
+        "to the largest norm of the coordinates of this body. For a rotation, the value is the error in rad. Each step is halved "
+        "until another halving changes the motion by less than this value divided by the number of steps. The loads are "
         "evaluated at all intermediate instants. Null: fixed steps.",
     )
     start: Literal["equilibrium", "as_given"] = expert(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from strainsight.config.base import Problem, known, step_problems
+from strainsight.config.base import Problem, known, one_of, step_problems
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor, Sensor, units_of
 from strainsight.config.bench.bodies import RADII
 from strainsight.config.bench.connections import Load
@@ -33,7 +33,9 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
                 )
         return
     if config.driven:
-        yield Problem(f"{key}.model", "'independent' does not support driven joints", "set estimate.truth.model: fine")
+        yield Problem(
+            f"{key}.model", "model: independent does not support driven joints", "set estimate.truth.model: fine"
+        )
     h, duration = config.filter_step, config.filter_duration
     every = round(h / truth.step)
     if every < 1 or abs(every * truth.step - h) > CLOCK_SHARE * truth.step:
@@ -73,7 +75,9 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         return
     loads = [name for name, force in config.forces.items() if isinstance(force, Load)]
     for name in estimate.inputs:
-        yield from known(f"estimate.inputs.{name}", name, loads, "force or moment in the section forces")
+        yield from one_of(
+            f"estimate.inputs.{name}", name, loads, f"no force or moment under forces has the name '{name}'"
+        )
     yield from _load_models(config, estimate)
     if estimate.method.step_error == "estimated" and config.driven:
         what = "the discretisation error of a step cannot be estimated with driven joints"
@@ -200,7 +204,7 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
             continue
         nominal = moduli.get(name)
         if bearing is None:
-            yield from known(key, name, moduli, "modulus in bodies.*.moduli")
+            yield from one_of(key, name, moduli, f"no modulus under bodies.*.moduli has the name '{name}'")
         else:
             if bearing in config.bearings and bearing not in used:
                 what = f"no force of the bench uses the bearing '{bearing}'"
@@ -323,14 +327,19 @@ def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[
                 "set gravity: false for the sensor in the configs of both benches, or set estimate.measured.scale: 1",
             )
     for name in measured.sensors:
-        yield from known(
+        yield from one_of(
             f"estimate.measured.sensors.{name}",
             name,
             list(estimate.sensors),
-            "sensor in estimate.sensors",
+            f"no sensor in estimate.sensors has the name '{name}'",
         )
     for name in measured.inputs:
-        yield from known(f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "load in estimate.inputs")
+        yield from one_of(
+            f"estimate.measured.inputs.{name}",
+            name,
+            list(estimate.inputs),
+            f"no load in estimate.inputs has the name '{name}'",
+        )
     if measured.run == config.name:
         what = "the measurements cannot come from this run itself"
         yield Problem("estimate.measured.from", what, "set the name of the run that simulates the measurements")
@@ -344,7 +353,7 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
         )
     for name, channels in measured.channels.items():
         key = f"estimate.measured.channels.{name}"
-        yield from known(key, name, list(estimate.sensors), "sensor in estimate.sensors")
+        yield from one_of(key, name, list(estimate.sensors), f"no sensor in estimate.sensors has the name '{name}'")
         count = channels_of(config, name) if name in config.sensors else None
         if count is not None and len(channels) != count:
             what = f"the list length is {len(channels)}, but the number of sensor components is {count}"
@@ -363,7 +372,7 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
             yield Problem(
                 key,
                 "no component of the sensor has a channel",
-                "list a channel for at least one component, or remove the sensor here and from estimate.sensors",
+                "list at least one channel, or remove the sensor from estimate.measured.channels and estimate.sensors",
             )
     for name in estimate.sensors:
         if name not in measured.channels:
