@@ -41,15 +41,15 @@ REFUSED = [
     (["cases.weight.bearing=pitch-baering"], "cases.weight.bearing", ("did you mean pitch-bearing?",)),
     (["cases.weight.bearing=[]"], "cases.weight.bearing", ()),
     (["curves=[{along: x, reach: 1.0e-4, bearing: [pitch]}]"], "curves[0].bearing", ("did you mean pitch-bearing?",)),
-    ([SECOND, "curves=[{along: x, reach: 0.05}]"], "curves[0].reach", ("'spare', 0.01 m",)),
+    ([SECOND, "curves=[{along: x, reach: 0.05}]"], "curves[0].reach", ("balls of 'spare'", "diameter of 0.01 m")),
     (["bodies.blade.mass=1.0e+30"], "bodies.blade.mass", ("radius of gyration of 1.6",)),
     (["bodies.blade.mass=1.0e-30"], "bodies.blade.mass", ("1e-30 kg and moments of inertia",)),
     (["bodies.dust={type: rigid, mass: 1.0e-10, inertia: {xx: 1.0e-10, yy: 1.0e-10, zz: 1.0e-10}}"],
      "bodies.dust.mass", ("1e-10 kg and the mass of 'blade', 14000 kg",)),
     (["frames.far={body: blades}"], "frames.far.body", ("did you mean blade?",)),
     (["forces.bearing.bearing=pitch"], "forces.bearing.bearing", ("did you mean pitch-bearing?",)),
-    (["sensors.gauges.body=blade"], "sensors.gauges.body", ("no flexible body 'blade'",)),
-    (["field={body: blade}"], "field.body", ("no flexible body 'blade'",)),
+    (["sensors.gauges.body=blade"], "sensors.gauges.body", ("no flexible body has the name 'blade'",)),
+    (["field={body: blade}"], "field.body", ("no flexible body has the name 'blade'",)),
     *(
         ([f"{OF_THE_BEARING}.preload={preload!r}"], f"{OF_THE_BEARING}.preload", (says,))
         for preload, says in ((-1.0, "-1 m exceeds ±0.0012 m, 2 %"), (0.0013, "exceeds"), (1e300, "exceeds"))
@@ -57,11 +57,11 @@ REFUSED = [
     *(
         ([f"curves=[{{along: x, reach: 1.0e-4}}, {{along: {along}, reach: {reach!r}}}]"], "curves[1].reach", says)
         for along, reach, says in (
-            ("x", 0.0601, ("0.0601 m is more than", "0.06 m", "use at most 0.06 m")),
-            ("tilt_y", 0.06, ("moves the balls by up to 0.069 m", "use at most 0.05217 rad")),
+            ("x", 0.0601, ("up to 0.0601 m, more than the ball diameter of 0.06 m", "use at most 0.06 m")),
+            ("tilt_y", 0.06, ("moves the balls of ", "by up to 0.069 m", "use at most 0.05217 rad")),
             ("z", 5e-11, ("numerical resolution", "6e-11 m")),
             ("tilt_z", 1e-300, ("numerical resolution", "rad")),
-            ("y", 1e300, ("1e+300 m is more than",)),
+            ("y", 1e300, ("1e+300 m moves the balls",)),
         )
     ),
 ]  # fmt: skip
@@ -187,7 +187,7 @@ def test_unknown_frame_is_refused_by_every_kind():
             load_config(FULL, every_kind(**{name: f"{name}s"}))
         errors = [caught.value, *caught.value.others]
         assert {".".join(error.key.split(".")[:2]) for error in errors} == keys_naming(name)
-        assert all(f"no frame '{name}s'" in error.what and f"did you mean {name}?" in str(error) for error in errors)
+        assert all(f"no frame has the name '{name}s'" in error.what and f"did you mean {name}?" in str(error) for error in errors)
 
 
 def test_two_frames_of_one_body_are_refused_by_every_kind():

@@ -87,7 +87,7 @@ UNKNOWN = ["loads.tip.known=false", "place.estimate=[tip, E]", "validate.initial
         (["loads.tip.known=false"], "place.estimate", "tip"),
         (["estimate.initial_std={F: 0.2}"], "estimate.initial_std.F", "no entry of place.estimate has the name 'F'"),
         (["estimate.initial_std={tip: 0.2}"], "estimate.initial_std.tip", "no entry of place.estimate has the name 'tip'"),
-        (["estimate.inputs={top: {channel: b, unit: N}}"], "estimate.inputs.top", "no load 'top'"),
+        (["estimate.inputs={top: {channel: b, unit: N}}"], "estimate.inputs.top", "no load has the name 'top'"),
         (UNKNOWN, "estimate.inputs.tip", "has no effect"),
     ],
 )

@@ -64,7 +64,7 @@ def test_the_factor_moves_nothing_but_the_damping(tmp_path):
     ("change", "words"),
     [
         ({"parameters.zeta.region": 1}, "of every mode, not of a region"),
-        ({"damping": {"type": "rayleigh", "alpha": 0.0, "beta": 0.0}}, "since the key `damping` of the config is zero"),
+        ({"damping": {"type": "rayleigh", "alpha": 0.0, "beta": 0.0}}, "since the damping in the key `damping` is zero"),
         ({"train.model": "static"}, "does not depend on the damping"),
         ({"tolerances": {"damping": 1.5}}, "tolerances.damping permits a separate factor of 1.5"),
         (

@@ -88,23 +88,28 @@ def step_problems(key: str, duration: float, step: float, fewest: int, most: int
         what = f"the duration of {duration:g} s is {steps:.3g} times the time step of {step:g} s"
         if steps < fewest:
             yield Problem(
-                key, f"{what}, less than {fewest} times", f"use a step of at most {at_most(duration / fewest)} s"
+                key, f"{what}; the minimum is {fewest}", f"use a time step of at most {at_most(duration / fewest)} s"
             )
         else:
             yield Problem(
-                key, f"{what}, more than {most:g} times", f"use a step of at least {at_least(duration / most)} s"
+                key, f"{what}; the maximum is {most:g}", f"use a time step of at least {at_least(duration / most)} s"
             )
     elif abs(steps - round(steps)) > 1e-6 * steps:
         what = f"the time step of {step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
-        longer = f", or {other}: {step * round(steps):.9g}" if other else ""
-        yield Problem(key, what, f"use a step of {duration / round(steps):.9g} s{longer}")
+        longer = f", or set {other} to {step * round(steps):.9g} s" if other else ""
+        yield Problem(key, what, f"use a time step of {duration / round(steps):.9g} s{longer}")
 
 
-def known(key: str, name: str, names: Collection[str], what: str, at_key: bool = False) -> Iterator[Problem]:
-    """Yield a problem unless the name is one of the known names."""
+def known(key: str, name: str, names: Collection[str], kind: str, at_key: bool = False) -> Iterator[Problem]:
+    """Yield a problem unless the name is one of the known names of this kind."""
+    yield from one_of(key, name, names, f"no {kind} has the name '{name}'", at_key)
+
+
+def one_of(key: str, name: str, names: Collection[str], what: str, at_key: bool = False) -> Iterator[Problem]:
+    """Yield a problem with the message `what` unless the name is one of the known names."""
     if name not in names:
         listed = ", ".join(names) or "none"
-        yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known names: {listed}"), at_key)
+        yield Problem(key, what, did_you_mean(name, names, f"known names: {listed}"), at_key)
 
 
 def duplicate_name_problems(key: str, names: Sequence[str]) -> Iterator[Problem]:
@@ -149,13 +154,13 @@ class Plausible:
     def of(self, section: BaseModel) -> Plausible | None:
         return self
 
-    def words(self) -> str:
+    def interval(self) -> str:
         """`0.0005 to 0.2 m`, or `up to 360 deg`"""
         unit = "" if self.unit == "-" else f" {self.unit}"
         return f"{self.low:g} to {self.high:g}{unit}" if self.low else f"up to {self.high:g}{unit}"
 
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
-        return handler(core) | {"plausible": self.words()}
+        return handler(core) | {"plausible": self.interval()}
 
 
 @dataclass(frozen=True)
@@ -171,8 +176,10 @@ class PlausibleBy:
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
         cases: dict[str, list[str]] = {}
         for case, limits in self.ranges.items():
-            cases.setdefault(limits.words(), []).append(case)
-        return handler(core) | {"plausible": "; ".join(f"{words} ({', '.join(of)})" for words, of in cases.items())}
+            cases.setdefault(limits.interval(), []).append(case)
+        return handler(core) | {
+            "plausible": "; ".join(f"{interval} ({', '.join(of)})" for interval, of in cases.items())
+        }
 
 
 @dataclass(frozen=True)
@@ -187,9 +194,9 @@ class Unbounded:
 
 Marker = Plausible | PlausibleBy | Unbounded
 
-PRICE = Unbounded("a price in any currency")
-READING = Unbounded("a reading in the unit of the measurement file")
-COMPARED = Unbounded("a limit or factor in the unit of the compared result")
+PRICE = Unbounded("prices have no plausible range: any currency")
+READING = Unbounded("readings have no plausible range: their unit is the unit of the measurement file")
+COMPARED = Unbounded("limits and factors of compared results have no plausible range: any unit")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
@@ -250,7 +257,7 @@ def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterat
             for other, factor in others
             if limits.low <= size * factor <= limits.high
         )
-        what = f"{value:g}{unit} is outside the plausible range of {limits.words()}"
+        what = f"{value:g}{unit} is outside the plausible range of {limits.interval()}"
         yield Problem(key, what, next(meant, "check the value and its unit"))
     elif size > limits.share * extent:
         share = "" if limits.share == 1 else f"{limits.share:g} times "
@@ -265,14 +272,14 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)
 RunName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
 """Name of a run: its folder in the results folder."""
 
-Id = Annotated[int, Unbounded("an id of a node, set or region of the deck")]
+Id = Annotated[int, Unbounded("ids of nodes, regions, node sets and element sets have no plausible range")]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Count = Annotated[int, Field(ge=1), Plausible(1, 10_000)]
 Text = Annotated[str, Field(min_length=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector = tuple[float, float, float]
-DIRECTION = Unbounded("a direction vector of any length")
+DIRECTION = Unbounded("direction vectors have no plausible range: their length is not used")
 DirectionVector = Annotated[Vector, DIRECTION]
 """A vector of nonzero length (checked by `section_problems`)."""
 Point = Annotated[Vector, Plausible(0.0, 1e4, "m")]
@@ -288,7 +295,7 @@ ParameterValue = Annotated[Positive, PARAMETER]
 
 
 class Section(BaseModel):
-    """A mapping of the config: no unknown keys, no type conversion, no NaN, immutable."""
+    """Base of the sections of a config: immutable; unknown keys, values of another type and NaN are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -312,14 +319,14 @@ def section_problems(section: Section, above: str = "") -> Iterator[Problem]:
 
 
 class TimeSpan(Section):
-    """Duration and time step of a run."""
+    """Duration and time step of a simulation."""
 
-    duration: Duration = Field(description="Duration of the run [s].")
-    time_step: TimeStep = Field(description="Time step of the run [s].")
+    duration: Duration = Field(description="Duration of the simulation [s].")
+    time_step: TimeStep = Field(description="Time step of the simulation [s].")
 
 
 class NamedRun(Section):
-    """Keys that every run has."""
+    """Keys of every run: name and seed."""
 
     name: RunName = Field(description="Name of the run; its results are written to results/NAME.")
     seed: Seed = Field(0, description="Seed of the random number generator [-].")
@@ -334,7 +341,8 @@ class AxesSection(Section):
 
     origin: Point = Field(
         (0.0, 0.0, 0.0),
-        description="Origin of the system, in coordinates of the mesh [m; for `report.datum`: length unit of the deck].",
+        description="Origin of the coordinate system, in coordinates of the mesh [m; for `report.datum`: length unit of the "
+        "deck].",
     )
     x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of the x axis, in coordinates of the mesh [-].")
     y: DirectionVector = Field(

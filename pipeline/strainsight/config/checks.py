@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from strainsight.config.base import Problem, duplicate_name_problems, known, section_problems, step_problems
+from strainsight.config.base import Problem, duplicate_name_problems, known, one_of, section_problems, step_problems
 from strainsight.config.checks_model import gauge_problems, model_problems
 from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
@@ -25,7 +25,6 @@ MOST_STEPS = 10_000_000  # a time step in the wrong unit, rather than a run that
 FEWEST_STEPS_A_PERIOD = 8
 LARGEST_START = 10.0
 """Largest initial σ of the logarithm of a parameter: a factor of exp(10)."""
-ONE = "or replace estimate.records by estimate.file with one record"
 
 
 def problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -57,15 +56,17 @@ def _time(section: str, duration: float, step: float, signals: Mapping[str, Load
             yield Problem(
                 key,
                 f"the shortest period of load '{name}' ({highest:g} Hz) is {1 / (step * highest):.3g} times the time step of "
-                f"{step:g} s, less than {FEWEST_STEPS_A_PERIOD} times",
-                f"use at most {1 / (FEWEST_STEPS_A_PERIOD * highest):.3g} s",
+                f"{step:g} s; the minimum is {FEWEST_STEPS_A_PERIOD}",
+                f"use a time step of at most {1 / (FEWEST_STEPS_A_PERIOD * highest):.3g} s",
             )
 
 
 def _settle(section: str, settle: Settle, step: float) -> Iterator[Problem]:
     if isinstance(settle, float) and settle / step > MOST_STEPS:
-        what = f"the {settle:g} s before t = 0 need {settle / step:.3g} time steps of {step:g} s, more than {MOST_STEPS:.0e}"
-        yield Problem(f"{section}.settle", what, f"use at most {at_most(MOST_STEPS * step)} s, or auto")
+        what = (
+            f"{settle:g} s are {settle / step:.3g} times the time step of {step:g} s; the maximum is {MOST_STEPS:.0e}"
+        )
+        yield Problem(f"{section}.settle", what, f"use at most {at_most(MOST_STEPS * step)} s, or set settle: auto")
 
 
 def _load_cases(config: PlacementConfig) -> Iterator[Problem]:
@@ -109,7 +110,7 @@ def _estimate(config: PlacementConfig) -> Iterator[Problem]:
     yield from duplicate_name_problems("place.estimate", config.place.estimate)
     for i, name in enumerate(config.place.estimate):
         key = f"place.estimate.{i}"
-        yield from known(key, name, [*config.parameters, *config.loads], "parameter or load has the name")
+        yield from one_of(key, name, [*config.parameters, *config.loads], f"no parameter or load has the name '{name}'")
         if name in config.loads and config.loads[name].known:
             what = f"load '{name}' is known, but place.estimate is a list of unknowns"
             yield Problem(key, what, f"set loads.{name}.known: false, or remove {name} from place.estimate")
@@ -156,7 +157,7 @@ def _resolved(frequencies: Mapping[str, float], step: float, of: str) -> Iterato
     """Yield a problem for each frequency [Hz] that a step [s] does not resolve; of: name of the step."""
     for key, frequency in frequencies.items():
         if step * frequency * FEWEST_STEPS_A_PERIOD > 1 + 1e-9:
-            ratio = f"{1 / (step * frequency):.3g} times {of}, less than {FEWEST_STEPS_A_PERIOD} times"
+            ratio = f"{1 / (step * frequency):.3g} times {of}; the minimum is {FEWEST_STEPS_A_PERIOD}"
             remedy = f"use at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or reduce {of}"
             yield Problem(key, f"the period at {frequency:g} Hz is {ratio}", remedy)
 
@@ -196,7 +197,9 @@ def _validation(config: PlacementConfig) -> Iterator[Problem]:
             what = f"the initial σ is {std:g} times the guess, more than {LARGEST_START:g} times"
             remedy = f"use at most {LARGEST_START:g}; 0.1 is 10 % of the guess"
             yield Problem(f"validate.initial_std.{name}", what, remedy)
-        yield from known(f"validate.initial_std.{name}", name, unknowns, "parameter or load", at_key=True)
+        yield from one_of(
+            f"validate.initial_std.{name}", name, unknowns, f"no parameter or load has the name '{name}'", at_key=True
+        )
     for name in config.place.estimate:
         if name in unknowns and name not in config.validation.initial_std:
             what = f"the initial standard deviation of '{name}' is missing"
@@ -209,8 +212,11 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
     if config.estimate is None:
         return
     for name in config.estimate.initial_std:
-        yield from known(
-            f"estimate.initial_std.{name}", name, config.place.estimate, "entry of place.estimate has the name"
+        yield from one_of(
+            f"estimate.initial_std.{name}",
+            name,
+            config.place.estimate,
+            f"no entry of place.estimate has the name '{name}'",
         )
     yield from record_problems(config, config.estimate)
     load_names = {f"estimate.inputs.{name}": name for name in config.estimate.inputs}
@@ -264,12 +270,13 @@ def _other_channels(
 def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Problem]:
     """Check the keys that support one record only."""
     method = config.filter.method
+    one = "or replace estimate.records by estimate.file with one record"
     if method != "grid":
         what = f"filter.method: {method} supports one record only"
-        yield Problem("estimate.records", what, f"set filter.method: grid, {ONE}", at_key=True)
+        yield Problem("estimate.records", what, f"set filter.method: grid, {one}", at_key=True)
     if config.filter.compare:
         what = "the comparison with the extended and the sigma-point filter supports one record only"
-        yield Problem("filter.compare", what, f"remove filter.compare, {ONE}")
+        yield Problem("filter.compare", what, f"remove filter.compare, {one}")
     if settings.tune.parts:
         what = "noise levels can be tuned with one record only"
         remedy = (
@@ -280,4 +287,4 @@ def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
         yield Problem("estimate.tune.parts", what, remedy)
     if settings.field is not None:
         what = "strain of the surface over time is available for one record only"
-        yield Problem("estimate.field", what, f"remove estimate.field, {ONE}")
+        yield Problem("estimate.field", what, f"remove estimate.field, {one}")

@@ -84,10 +84,10 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
         yield from known(f"mesh.results.at.{name}", name, config.parameters, "parameter", at_key=True)
     yield from _second_results(config, results)
     for kind, properties in (("stiffness", ("youngs_modulus", "stiffness_factor")), ("mass", ("density",))):
-        own_names = [name for name, entry in config.parameters.items() if entry.property in properties]
-        for name in own_names[1:]:
-            what = f"only one parameter may scale the {kind} of mesh.results, and {own_names[0]} already does"
-            yield Problem(f"parameters.{name}", what, f"remove the parameter {name} or {own_names[0]}", at_key=True)
+        scaling = [name for name, entry in config.parameters.items() if entry.property in properties]
+        for name in scaling[1:]:
+            what = f"only one parameter may scale the {kind} of mesh.results, and parameter '{scaling[0]}' already does"
+            yield Problem(f"parameters.{name}", what, f"remove the parameter {name} or {scaling[0]}", at_key=True)
     for name, own_parameter in config.parameters.items():
         if own_parameter.property not in ("youngs_modulus", "stiffness_factor", "density", DAMPING):
             what = f"mesh.results does not contain the effect of the property {own_parameter.property}"
@@ -109,7 +109,7 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
         yield from known(f"{key}.parameter", second.parameter, config.parameters, "parameter")
     elif parameter.property not in ("youngs_modulus", "stiffness_factor", "density") or parameter.region is None:
         kind = f"has the property {parameter.property}" if parameter.region is not None else "applies to all regions"
-        what = f"a second set of results has no effect, since parameter '{second.parameter}' {kind}"
+        what = f"mesh.results.second has no effect, since parameter '{second.parameter}' {kind}"
         remedy = (
             "set `parameter` to a parameter with `region` and the property youngs_modulus, stiffness_factor or density"
         )
@@ -118,7 +118,7 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
         for name, load in results.loads.items():
             if load.file is not None:
                 what = f"missing, but mesh.results.loads.{name}.file is a separate file for the response to load {name}"
-                remedy = "list every load in mesh.results.second.loads; as `file`, set the results file with its second response"
+                remedy = "list every load in mesh.results.second.loads, with the results at the second parameter value as `file`"
                 yield Problem(f"{key}.loads", what, remedy, at_key=True)
         return
     for name, load in second.loads.items():
@@ -170,7 +170,7 @@ def _names(config: PlacementConfig) -> Iterator[Problem]:
     for section, names in (("parameters", config.parameters), ("loads", config.loads)):
         for name in names:
             if name in RESERVED:
-                what = f"the name '{name}' is reserved for strainsight"
+                what = f"the name '{name}' is reserved for a dataset of the result files"
                 yield Problem(f"{section}.{name}", what, f"rename this entry of {section}", at_key=True)
 
 
@@ -228,7 +228,7 @@ def damping_problems(config: PlacementConfig) -> Iterator[Problem]:
         law = config.damping
         none = not (law.alpha or law.beta) if isinstance(law, RayleighDamping) else not law.ratio
         if none:
-            what = f"the property {DAMPING} has no effect, since the key `damping` of the config is zero"
+            what = f"the property {DAMPING} has no effect, since the damping in the key `damping` is zero"
             remedy = "set `damping` to the expected value, such as {type: modal, ratio: 0.01}"
             yield Problem(f"parameters.{name}.property", what, remedy)
         spread = tolerances_of(config.tolerances).damping
@@ -353,13 +353,11 @@ def _mirrored(config: PlacementConfig) -> Iterator[Problem]:
 
 def _count(config: PlacementConfig) -> Iterator[Problem]:
     keep, names = config.place.keep, tuple(dict.fromkeys(config.place.estimate))
-    kinds = {"loads" if name in config.loads else "parameters" for name in names}
-    what = f"unknown {kinds.pop()}" if len(kinds) == 1 else "unknowns"
     signals = keep * channels_of_a_gauge(config)
     if signals < len(names):
         yield Problem(
             "place.keep",
-            f"{keep} gauge{'s' * (keep != 1)} cannot observe {len(names)} {what} ({', '.join(names)})",
+            f"{keep} gauge{'s' * (keep != 1)} cannot observe {len(names)} unknowns ({', '.join(names)})",
             f"set place.keep to at least {-(-len(names) * keep // signals)}, or remove unknowns from place.estimate",
         )
     pool = config.screen.keep

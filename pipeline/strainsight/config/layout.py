@@ -25,7 +25,7 @@ from strainsight.config.base import (
     box_problem,
     duplicate_name_problems,
     expert,
-    known,
+    one_of,
 )
 
 NAMED = "name"
@@ -220,7 +220,7 @@ def layout_problems(
     """Yield the inconsistencies between limits, criterion and search; among: key of the unknowns; bonded: number of gauges
     already bonded, by `key`."""
     for i, name in enumerate(place.metric_over):
-        yield from known(f"place.metric_over.{i}", name, unknowns, f"entry of {among} has the name")
+        yield from one_of(f"place.metric_over.{i}", name, unknowns, f"no entry of {among} has the name '{name}'")
     yield from duplicate_name_problems("place.metric_over", place.metric_over)
     if place.keep < bonded:
         what = f"place.keep is {place.keep}, but {bonded} gauges are already bonded ({key})"

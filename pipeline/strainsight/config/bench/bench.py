@@ -198,9 +198,9 @@ class Simulate(TimeSpan):
     )
     tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = expert(
         None,
-        description="Largest permitted integration error of the motion of each body over the whole run [-], relative to the "
-        "largest norm of the coordinates of this body. For a rotation, the value is the error in rad. Each step is halved until "
-        "another halving changes the motion by less than this value divided by the number of steps. The loads are "
+        description="Largest permitted integration error of the motion of each body over the whole simulation [-], relative "
+        "to the largest norm of the coordinates of this body. For a rotation, the value is the error in rad. Each step is halved "
+        "until another halving changes the motion by less than this value divided by the number of steps. The loads are "
         "evaluated at all intermediate instants. Null: fixed steps.",
     )
     start: Literal["equilibrium", "as_given"] = expert(
@@ -229,13 +229,13 @@ class SurfaceField(OnFlexibleBody):
         "motion with the estimated moduli (`estimate`).",
     )
     every: Annotated[int | None, Plausible(1, 1e6)] = expert(
-        None, ge=1, description="Number of time steps between two stored fields [-]; null: computed from `instants`."
+        None, ge=1, description="Number of time steps between two stored instants [-]; null: computed from `instants`."
     )
     instants: int | None = Field(
         None,
         ge=2,
         le=10_000,
-        description="Number of stored fields, evenly spaced over the run [-]; null: 50, or computed from `every`.",
+        description="Number of stored instants, evenly spaced over the simulation [-]; null: 50, or computed from `every`.",
     )
     allowable: Stress | None = expert(
         None,

@@ -62,11 +62,8 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
     for name, entry in {} if estimate is None else estimate.sensors.items():
         key = f"estimate.sensors.{name}.layout"
         if entry.layout is not None and (place is None or name not in place.sensors):
-            what, remedy = (
-                "the sensor is not one of the candidates in place.sensors",
-                f"add the sensor under place.sensors: {{{name}: {{noise: …}}}}",
-            )
-            yield Problem(key, what, remedy)
+            absent = "the sensor is not one of the candidates in place.sensors"
+            yield Problem(key, absent, f"set place.sensors.{name}: {{noise: …}}, or remove {key}")
         elif entry.layout == "random" and place is not None and place.random == 0:
             yield Problem(key, *RANDOM)
     for name, sensor in config.sensors.items():
@@ -158,7 +155,10 @@ def _moduli(config: BenchConfig) -> Iterator[Problem]:
             where = f"bodies.{name}.moduli.{key}"
             if key in RESERVED:
                 yield Problem(
-                    where, f"the name '{key}' is reserved for internal use", "rename the modulus", at_key=True
+                    where,
+                    f"the name '{key}' is reserved for a dataset of the result files",
+                    "rename the modulus",
+                    at_key=True,
                 )
             owner, value = first.setdefault(key, (name, modulus.value))
             if value != modulus.value:
@@ -177,7 +177,7 @@ def _masses(config: BenchConfig) -> Iterator[Problem]:
         odd, other = (heavy, light) if abs(np.log(masses[heavy])) >= abs(np.log(masses[light])) else (light, heavy)
         yield Problem(
             f"bodies.{odd}.mass",
-            f"{masses[odd]:g} kg and the mass of '{other}', {masses[other]:g} kg, differ by more than a factor of "
+            f"a mass of {masses[odd]:g} kg and the mass of '{other}', {masses[other]:g} kg, differ by more than a factor of "
             f"{MASSES_APART:g}",
             "check that both masses are in kg; to replace a very heavy body by the ground, set body: ground in its frames",
         )
@@ -227,15 +227,12 @@ def _curve(i: int, curve: CurveSection, bearings: Mapping[str, BearingSection]) 
         arm, unit = (bearing.pitch_diameter / 2, "rad") if tilts else (1.0, "m")
         most, least = bearing.ball_diameter / arm, LEAST_REACH * bearing.ball_diameter / arm
         if curve.reach > most:
-            moved = f"moves the balls by up to {curve.reach * arm:.4g} m, " if tilts else ""
             yield Problem(
                 f"curves.{i}.reach",
-                f"{curve.reach:g} {unit} {moved or 'is '}more than the diameter of the balls of '{name}', "
-                f"{bearing.ball_diameter:g} m",
+                f"{curve.reach:g} {unit} moves the balls of '{name}' by up to {curve.reach * arm:.4g} m, more than the ball "
+                f"diameter of {bearing.ball_diameter:g} m",
                 f"use at most {most:.4g} {unit}; bearing displacements are typically micrometres to a few millimetres",
             )
         elif curve.reach < least:
-            what = (
-                f"{curve.reach:g} {unit} is below {least:.3g} {unit}, the numerical resolution for the bearing '{name}'"
-            )
+            what = f"{curve.reach:g} {unit} is below the numerical resolution of {least:.3g} {unit} for the bearing '{name}'"
             yield Problem(f"curves.{i}.reach", what, f"use a larger value, for example {1e-4 / arm:.2g} {unit}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from strainsight.config.base import Problem, known, step_problems
+from strainsight.config.base import Problem, known, one_of, step_problems
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor, Sensor, units_of
 from strainsight.config.bench.bodies import RADII
 from strainsight.config.bench.connections import Load
@@ -33,26 +33,30 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
                 )
         return
     if config.driven:
-        yield Problem(f"{key}.model", "'independent' does not support driven joints", "set estimate.truth.model: fine")
+        yield Problem(
+            f"{key}.model", "model: independent does not support driven joints", "set estimate.truth.model: fine"
+        )
     h, duration = config.filter_step, config.filter_duration
     every = round(h / truth.step)
     if every < 1 or abs(every * truth.step - h) > CLOCK_SHARE * truth.step:
         what = f"the filter step of {h:g} s is not a multiple of the simulation step of {truth.step:g} s"
-        yield Problem(f"{key}.step", what, f"set the key to {h:g} s divided by an integer", at_key=True)
+        yield Problem(f"{key}.step", what, f"set {key}.step to {h:g} s divided by an integer", at_key=True)
     if truth.duration is not None and truth.duration < duration * (1 - CLOCK_SHARE):
         what = f"the simulation ends at {truth.duration:g} s, but the estimate ends at {duration:g} s"
         yield Problem(
-            f"{key}.duration", what, f"set the key to at least {duration:g} s, or remove the key", at_key=True
+            f"{key}.duration", what, f"set {key}.duration to at least {duration:g} s, or remove the key", at_key=True
         )
     if 1 < truth.histories < estimate.runs:
         what = f"{truth.histories} load histories are not enough for {estimate.runs} runs"
         yield Problem(
-            f"{key}.histories", what, f"set the key to {estimate.runs}, or to 1 for the same history in all runs"
+            f"{key}.histories",
+            what,
+            f"set {key}.histories to {estimate.runs}, or to 1 for the same history in all runs",
         )
     if truth.histories > 1 and truth.within == 0:
         yield Problem(
             f"{key}.histories",
-            "all load histories are identical: truth.within is 0",
+            "all load histories are identical, since estimate.truth.within is 0",
             f"set {key}.within to a value above 0 s: each further history then starts at a random instant before this time",
         )
 
@@ -71,7 +75,9 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         return
     loads = [name for name, force in config.forces.items() if isinstance(force, Load)]
     for name in estimate.inputs:
-        yield from known(f"estimate.inputs.{name}", name, loads, "force or moment in the section forces is named")
+        yield from one_of(
+            f"estimate.inputs.{name}", name, loads, f"no force or moment under forces has the name '{name}'"
+        )
     yield from _load_models(config, estimate)
     if estimate.method.step_error == "estimated" and config.driven:
         what = "the discretisation error of a step cannot be estimated with driven joints"
@@ -79,7 +85,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         yield Problem("estimate.method.step_error", what, remedy)
     if estimate.method.step_error == "estimated" and estimate.method.noise == "as_printed":
         what = (
-            "the discretisation error depends on the load change within a step, but with method.noise: as_printed, "
+            "the discretisation error depends on the load change within a step, but with estimate.method.noise: as_printed, "
             "the loads change after the step"
         )
         remedy = "remove the key, or set estimate.method.noise: before_step"
@@ -198,7 +204,7 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
             continue
         nominal = moduli.get(name)
         if bearing is None:
-            yield from known(key, name, moduli, "modulus under bodies.*.moduli is named")
+            yield from one_of(key, name, moduli, f"no modulus under bodies.*.moduli has the name '{name}'")
         else:
             if bearing in config.bearings and bearing not in used:
                 what = f"no force of the bench uses the bearing '{bearing}'"
@@ -210,7 +216,7 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
             if (other := names.setdefault((bearing, part), name)) != name:
                 yield Problem(
                     key,
-                    f"the parameter '{other}' is the same property of '{bearing}'",
+                    f"parameter '{other}' is already the {part} of bearing '{bearing}'",
                     "remove one of the two parameters",
                     at_key=True,
                 )
@@ -241,10 +247,10 @@ def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, Estimat
     sizes = dict(config.bearings[bearing])
     sizes |= {part: guess for part, name in names.items() if (guess := parameters[name].guess) is not None}
     ball = sizes["ball_diameter"] / 2 + max(sizes["preload"], 0.0)
-    narrow = [radius for radius in RADII if sizes[radius] <= ball]
-    if narrow and names:
-        blamed = names.get("ball_diameter") or names.get(narrow[0]) or next(iter(names.values()))
-        what = f"{narrow[0]} of {sizes[narrow[0]]:g} m is not larger than the ball radius with preload, {ball:g} m"
+    radius = next((radius for radius in RADII if sizes[radius] <= ball), None)
+    if radius and names:
+        blamed = names.get("ball_diameter") or names.get(radius) or next(iter(names.values()))
+        what = f"the groove radius {radius} is {sizes[radius]:g} m, not larger than the ball radius with preload, {ball:g} m"
         remedy = f"use a guess closer to the value in bearings.{bearing}, or increase the groove radius"
         yield Problem(f"estimate.parameters.{blamed}.guess", what, remedy)
 
@@ -321,20 +327,22 @@ def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[
                 "set gravity: false for the sensor in the configs of both benches, or set estimate.measured.scale: 1",
             )
     for name in measured.sensors:
-        yield from known(
+        yield from one_of(
             f"estimate.measured.sensors.{name}",
             name,
             list(estimate.sensors),
-            "sensor in estimate.sensors is named",
+            f"no sensor in estimate.sensors has the name '{name}'",
         )
     for name in measured.inputs:
-        yield from known(
-            f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "load in estimate.inputs is named"
+        yield from one_of(
+            f"estimate.measured.inputs.{name}",
+            name,
+            list(estimate.inputs),
+            f"no load in estimate.inputs has the name '{name}'",
         )
     if measured.run == config.name:
-        yield Problem(
-            "estimate.measured.from", "is the name of this run", "set the name of the run with the measurements"
-        )
+        what = "the measurements cannot come from this run itself"
+        yield Problem("estimate.measured.from", what, "set the name of the run that simulates the measurements")
 
 
 def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: FromFile) -> Iterator[Problem]:
@@ -345,7 +353,7 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
         )
     for name, channels in measured.channels.items():
         key = f"estimate.measured.channels.{name}"
-        yield from known(key, name, list(estimate.sensors), "sensor in estimate.sensors is named")
+        yield from one_of(key, name, list(estimate.sensors), f"no sensor in estimate.sensors has the name '{name}'")
         count = channels_of(config, name) if name in config.sensors else None
         if count is not None and len(channels) != count:
             what = f"the list length is {len(channels)}, but the number of sensor components is {count}"
@@ -364,7 +372,7 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
             yield Problem(
                 key,
                 "no component of the sensor has a channel",
-                "list a channel for at least one component, or remove the sensor here and from estimate.sensors",
+                "list at least one channel, or remove the sensor from estimate.measured.channels and estimate.sensors",
             )
     for name in estimate.sensors:
         if name not in measured.channels:

@@ -325,7 +325,7 @@ class RegularisedFriction(Section):
         1e-3,
         description="Regularisation speed ω₀ [rad/s; for sliding, m/s]. At speeds above 3 ω₀, Coulomb friction is accurate "
         "to 0.5 %. At lower speeds, the parts slide slowly instead of sticking. The value must be at least a tenth of "
-        "the speed change in one time step. Otherwise, the time step has no solution.",
+        "the speed change in one time step. Otherwise, the equations of the time step have no solution.",
     )
 
 
