@@ -155,7 +155,9 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
         )
         fitting = [name for name, kind in known.items() if kind.grids == rosette]
         remedy = (
-            f"set gauges.type to {' or '.join(fitting)}" if fitting else f"define a type with {rosette} in gauges.types"
+            f"set gauges.type to {' or '.join(fitting)}"
+            if fitting
+            else f"define a type with `grids: {rosette}` in gauges.types"
         )
         yield Problem("gauges.type", what, remedy + "; for a rosette, set gauges.rosette: true" * (rosette == 1))
 

@@ -249,7 +249,9 @@ class LoadSection(Section):
         elif kind and self.direction is not None:
             subjects = {"moment": "`moment` is the axis", "bearing": "`bearing` is the direction of the force"}
             what = f"{subjects.get(kind, 'a pressure acts inward')}, so `direction` is not permitted"
-            yield Problem("direction", what, f"remove `direction`, or remove `{kind}` for a force", at_key=True)
+            yield Problem(
+                "direction", what, f"remove `direction`, or remove `{kind}` if the load is a force", at_key=True
+            )
         if kind in ("bearing", "pressure") and self.set is None:
             yield Problem(
                 kind,
@@ -276,7 +278,7 @@ def unit_of(load: Mapping[str, object]) -> str:
 class CaseLoad(TypicalMotion):
     """Signal of a load in one load case."""
 
-    signal: LoadSignal = Field(description="Time history of the load in this case.")
+    signal: LoadSignal = Field(description="Time history of the load in this load case.")
 
 
 CaseEntry = Annotated[
@@ -290,26 +292,26 @@ class TrainingCase(Section):
 
     weight: Annotated[Positive, Plausible(1e-6, 1e6)] = Field(
         1.0,
-        description="Weight of this load case in the criterion [-], a factor on the variances of the unknowns in this case. "
+        description="Weight of this load case in the criterion [-], a factor on the variances of the unknowns in this load case. "
         "A weight of 4 has the same effect as twice the σ of the unknowns.",
     )
     loads: dict[Name, CaseEntry] = Field(
         {},
         description="Loads with another signal than in the section `loads`, by name; `none` for a load that does not act in "
-        "this case. All other loads are as in the section `loads`. An unknown load with `none` remains an unknown of the "
-        "filter, but the criterion of this case excludes the load.",
+        "this load case. All other loads are as in the section `loads`. An unknown load with `none` remains an unknown of the "
+        "filter, but the criterion of this load case excludes the load.",
     )
     duration: Duration | None = Field(
-        None, description="Duration of the simulation of this case [s]; null: train.duration."
+        None, description="Duration of the simulation of this load case [s]; null: train.duration."
     )
     time_step: TimeStep | None = expert(
         None,
-        description="Time step of this case [s]; null: train.time_step. `gauges.noise_std` applies to train.time_step in every "
-        "case; it is converted to this time step with the same noise intensity.",
+        description="Time step of this load case [s]; null: train.time_step. `gauges.noise_std` applies to train.time_step in "
+        "every load case; it is converted to this time step with the same noise intensity.",
     )
     settle: Annotated[Settle | None, DURATION] = expert(
         None,
-        description="Start of the motion in this case; the values are explained under train.settle. Null: train.settle.",
+        description="Start of the motion in this load case; the values are explained under train.settle. Null: train.settle.",
     )
 
 
@@ -330,13 +332,16 @@ def load_case_problems(
                 frequency = entry.frequency or loads[load].process_noise.frequency
                 yield from _untypical(f"{key}.loads.{load}.frequency", entry.signal, frequency)
         if silent >= set(loads):
-            yield Problem(f"{key}.loads", "no load acts in this case", "add a signal to one load, or remove the case")
+            yield Problem(
+                f"{key}.loads", "no load acts in this load case", "add a signal to one load, or remove the load case"
+            )
         elif silent >= set(over):
             listed = ", ".join(over)
             yield Problem(
                 f"{key}.loads",
-                f"{listed} {'does' if len(over) == 1 else 'do'} not act in this case, and the criterion has no other unknown",
-                f"add a signal to {' or '.join(over)}, or remove the case",
+                f"{listed} {'does' if len(over) == 1 else 'do'} not act in this load case, and the criterion has no "
+                "other unknown",
+                f"add a signal to {' or '.join(over)}, or remove the load case",
             )
     for unknown in estimate:
         if unknown in loads and all(unknown in silent_in(case) for case in cases.values()):

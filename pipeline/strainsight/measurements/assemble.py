@@ -212,7 +212,10 @@ def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
         )
     name, t = next((name, t) for name, t in clocks.items() if not _same(first, t))
     two = {next(iter(clocks)): first, name: t}
-    spans = [f"{quote(n)} has {len(x)} samples from {_at(x, 0)} to {_at(x, -1)} s" for n, x in two.items()]
+    spans = [
+        f"{quote(channel)} has {len(time)} samples from {_at(time, 0)} to {_at(time, -1)} s"
+        for channel, time in two.items()
+    ]
     raise UserError(
         "the channels have different sampling times: " + ", ".join(spans),
         where=str(path),
