@@ -193,7 +193,7 @@ def test_a_second_set_with_other_supports_is_refused(bar):
     held = motion.copy()
     held[:, bar.position[:, 0] == L] = 0.0
     fault = (
-        r"node 1601, translation x is fixed in the second result set, but not in the first set "
+        r"node 1601, translation x is fixed in the second result set, but not in the first result set "
         r"\(affected degrees of freedom: 4\)"
     )
     with pytest.raises(UserError, match=fault) as caught:

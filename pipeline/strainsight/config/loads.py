@@ -46,7 +46,7 @@ class Oscillation(Section):
 class SineSection(Oscillation):
     """A sine: u(t) = a sin(2πft + φ)."""
 
-    type: Literal["sine"] = Field(description="Kind of signal.")
+    type: Literal["sine"] = Field(description="Kind of signal: a sine.")
     frequency: Frequency = Field(description="Frequency f of the sine [Hz].")
     phase: Annotated[float, TURN] = expert(0.0, description="Phase φ of the sine at t = 0 [rad].")
 
@@ -54,7 +54,7 @@ class SineSection(Oscillation):
 class SweepSection(Oscillation):
     """A sine sweep: the frequency changes linearly from start_frequency to end_frequency, and is constant after the sweep."""
 
-    type: Literal["sweep"] = Field(description="Kind of signal.")
+    type: Literal["sweep"] = Field(description="Kind of signal: a sine sweep.")
     start_frequency: Annotated[NotNegative, FREQUENCY] = Field(description="Frequency at t = 0 [Hz].")
     end_frequency: Frequency = Field(description="Frequency at the end of the sweep [Hz].")
     duration: Duration = Field(description="Duration of the sweep [s].")
@@ -63,7 +63,7 @@ class SweepSection(Oscillation):
 class MultiSineSection(Oscillation):
     """Sines of equal amplitude, evenly spaced in frequency, with random phases."""
 
-    type: Literal["multisine"] = Field(description="Kind of signal.")
+    type: Literal["multisine"] = Field(description="Kind of signal: a sum of sines.")
     lowest: Frequency = Field(description="Lowest frequency [Hz].")
     highest: Frequency = Field(description="Highest frequency [Hz].")
     count: Count = Field(ge=1, description="Number of sines [-].")
@@ -78,7 +78,7 @@ class MultiSineSection(Oscillation):
 class RecordedSection(Section):
     """A measured time history, interpolated linearly."""
 
-    type: Literal["csv"] = Field(description="Kind of signal.")
+    type: Literal["csv"] = Field(description="Kind of signal: a measured time history.")
     file: Text = Field(
         description="CSV file with a header line of column names. Columns are separated by commas, semicolons or tabs. The "
         "decimal mark is a point, or a comma if the separator is not a comma. The path is relative to the folder of the config."

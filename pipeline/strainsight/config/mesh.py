@@ -201,7 +201,7 @@ class Support(Section):
 
 
 class Face(Section):
-    """A named part of the surface: the facets that satisfy all criteria."""
+    """A named part of the surface: the facets that `near`, `normal`, `box` and `radius`, as far as set, all select."""
 
     near: Point | Annotated[tuple[Point, ...], Field(min_length=1)] | None = Field(
         None,

@@ -132,14 +132,14 @@ class MaterialParameter(Section):
 class ModalDamping(Section):
     """Equal damping ratio in every mode."""
 
-    type: Literal["modal"] = Field(description="Kind of damping.")
+    type: Literal["modal"] = Field(description="Kind of damping: equal ratio in every mode.")
     ratio: Annotated[float, Plausible(1e-5, 0.2)] = Field(ge=0, lt=1, description="Damping ratio of every mode [-].")
 
 
 class RayleighDamping(Section):
     """Rayleigh damping: C = αM + βK."""
 
-    type: Literal["rayleigh"] = Field(description="Kind of damping.")
+    type: Literal["rayleigh"] = Field(description="Kind of damping: Rayleigh damping.")
     alpha: Annotated[NotNegative, Plausible(1e-6, 1e3, "1/s")] = expert(
         description="Coefficient α of the mass matrix [1/s]."
     )
@@ -235,7 +235,7 @@ class ProcessNoise(Section):
         le=1e6,
         description="Process noise of the velocities, relative to the RMS acceleration in the training simulation (stage "
         "`train`) [-]. Null: 0.01, since without this noise the filter is overconfident if the damping is uncertain. "
-        "Exception: with the grid filter and tolerances.damping above 1, null is 0 in the filter, since this noise "
+        "Exception: with the grid filter and tolerances.damping above 1, null means 0 in the filter, since this noise "
         "would bias the parameters.",
     )
 

@@ -421,8 +421,8 @@ def describe_responses(
     without = [name for i, name in enumerate(names) if i not in results.load]
     if without:
         notes.append(
-            f"the results have no static response to {', '.join(without)}. The strain under such a load lacks the part that the "
-            f"modes do not represent (number of modes: {len(results.frequency)})"
+            f"the results have no static response to {', '.join(without)}. The strain under such a load lacks the part that "
+            f"modes 1 to {len(results.frequency)} do not represent"
         )
     if dropped:
         notes.append(

@@ -93,7 +93,7 @@ def check_supports(mesh: Mesh, imported: tuple[ImportedMotion, ImportedMotion]) 
         which, free = ("first", "second") if fixed_rows[0][other[0]] else ("second", "first")
         raise UserError(
             f"{describe_row(mesh, imported[0].constraint, int(other[0]))} is fixed in the {which} result set, but not in the "
-            f"{free} set (affected degrees of freedom: {other.size})",
+            f"{free} result set (affected degrees of freedom: {other.size})",
             key=KEY,
             remedy="compute both result sets with the same supports",
         )
@@ -232,7 +232,8 @@ def build_two_set_model(
     if rounding >= FEW_DIGITS:
         notes.append(
             f"the result files have a relative precision of {rounding:.0e}. The effect of {parameter.name} is the difference "
-            f"of both result sets, so the relative error of σ({parameter.name}) can reach 1e-3. Binary files are more precise"
+            f"of both result sets, so the relative error of its standard deviation can reach "
+            "1e-3. Binary files are more precise"
         )
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)

@@ -61,7 +61,7 @@ def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step
                 notes.extend(more)
         missing = np.isnan(calibrated)
         if missing.any():
-            notes.append(f"{name}: {np.count_nonzero(missing)} of {len(calibrated)} samples are missing")
+            notes.append(f"{name}: samples are missing ({np.count_nonzero(missing)} of {len(calibrated)})")
             notes.extend(_stretch(name, missing, recording.time))
         notes.extend(done)
         with blame(name):
@@ -88,7 +88,7 @@ def _stretch(name: str, missing: np.ndarray, time: np.ndarray) -> tuple[str, ...
         return ()
     start, end = time[first[longest]], time[behind[longest] - 1]
     return (
-        f"{name}: {count} consecutive samples are missing, from {start:.9g} to {end:.9g} s; in this "
+        f"{name}: all samples from {start:.9g} to {end:.9g} s are missing ({count}); in this "
         "interval only the other channels are used",
     )
 
