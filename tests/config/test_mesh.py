@@ -149,7 +149,7 @@ def test_load_case_without_overrides_equals_configured_loads():
     [
         ("{a: {weight: 0}}", "place.load_cases.a.weight", "is 0, but has to be above 0", ""),
         ("{a: {loads: {sid: none}}}", "place.load_cases.a.loads.sid", "no load has the name 'sid'", "did you mean side?"),
-        ("{a: {loads: {side: none, tip: none}}, b: {}}", "place.load_cases.a.loads", "no load acts", "remove the case"),
+        ("{a: {loads: {side: none, tip: none}}, b: {}}", "place.load_cases.a.loads", "no load acts", "remove the load case"),
         ("{a: {loads: {side: none}}}", "place.load_cases", "'side' does not act in any load case", "{side: {signal: …}}`"),
         ("{a: {loads: {tip: {signal: {type: sin, frequency: 1, amplitude: 1}}}}}", "place.load_cases.a.loads.tip.signal.type",
          "'sin' is not one of", "did you mean sine?"),

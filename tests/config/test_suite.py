@@ -217,7 +217,7 @@ MISTAKES = {
         (", below: 3", "", "claims[0]", "no limit is set"),
         ("above: 4.5", "above: 6", "claims[1].above", "the lower limit 6 is not smaller than the upper limit 5.5"),
         ("below: 3", "against_number: steps, below: 3", "claims[0].against_number", "the reference run is missing"),
-        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is not a number in the config of runs[0]"),
+        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "(runs[0])"),
         ("over: simulate.time_step, ", "", "studies[0].numbers", "have no horizontal axis"),
         ("name: steps, note", "name: stops, note", "studies[0].name", "no run belongs to the study 'stops'"),
         ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "appears twice"),

@@ -301,6 +301,6 @@ def test_lost_mass_and_unmoved_solids_are_noted(box):
     soft[gone], soft[:, gone] = 0, 0
     built = build_imported_model(mesh, convert_matrices(node, component, [Term(sparse.csr_array(soft))], [Term(M)]))
     assert (
-        f"matrix rows with mass but without stiffness are left out (6 in total), for example node {mesh.node_ids[inner[0]]}"
+        f"matrix rows with mass but without stiffness are omitted (6 in total), for example node {mesh.node_ids[inner[0]]}"
         in built.notes[1]
     )

@@ -205,7 +205,7 @@ def test_trailing_delimiter_is_accepted(tmp_path):
         read(written(tmp_path / "a.csv", ["Time;G1;F", "s;µm/m;kN", *(f"{row};" for row in rows(";"))]), decimal=",")
     )
     path = written(tmp_path / "b.csv", ["Time,G1,F", *(f"{row}," for row in rows(",", "."))])
-    with pytest.raises(UserError, match=r"the line has 4 cells, but the table has 3 columns: '0\.000000,0\.000000,2\.500000,'"):
+    with pytest.raises(UserError, match=r"the line '0\.000000,0\.000000,2\.500000,' has 4 cells, but the table has 3 columns"):
         read(path)
 
 

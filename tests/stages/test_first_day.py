@@ -37,7 +37,11 @@ KNOWN = [
 ]
 CONFIG = {
     "a misspelt section": ([("train:", "trian:")], "test.yaml:14:1  trian: unknown key", "did you mean train?"),
-    "a decimal comma": ([("ratio: 0.01", "ratio: 0,01")], "test.yaml:13:10  damping: ',01'", "decimal point, as in 0.01"),
+    "a decimal comma": (
+        [("ratio: 0.01", "ratio: 0,01")],
+        "test.yaml:13:10  damping: the comma before '01' separates two entries",
+        "decimal point, as in 0.01",
+    ),
     "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: is '0.4 s'", "and without"),
     "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: is 'no'", "rite false"),
     "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "the first key is at 4:1"),

@@ -86,7 +86,7 @@ def _uw(pattern: str, grid: tuple[float, float], carrier: tuple[float, float], r
         gauge_factor_tolerance=0.005,
         range=0.05 if grid[0] > 3 else 0.03,
         bend_radius=0.002,
-        source=f"as Micro-Measurements CEA-06-{pattern}-{resistance:g}",
+        source=f"data of Micro-Measurements CEA-06-{pattern}-{resistance:g}",
     )
 
 
@@ -155,7 +155,9 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
         )
         fitting = [name for name, kind in known.items() if kind.grids == rosette]
         remedy = (
-            f"set gauges.type to {' or '.join(fitting)}" if fitting else f"define a type with {rosette} in gauges.types"
+            f"set gauges.type to {' or '.join(fitting)}"
+            if fitting
+            else f"define a type with `grids: {rosette}` in gauges.types"
         )
         yield Problem("gauges.type", what, remedy + "; for a rosette, set gauges.rosette: true" * (rosette == 1))
 
@@ -217,8 +219,8 @@ class Angled(Section):
     angles: Angles = Field(
         (0.0,),
         description="Angles from the measuring direction, counter-clockwise about the outward normal [deg]; the direction is "
-        "first projected onto the surface. For a candidate, each angle is a separate gauge, or with gauges.rosette a grid of "
-        "the rosette. For a bonded gauge, each angle is a measuring grid of this gauge.",
+        "first projected onto the surface. For a candidate, each angle is a separate gauge, or with gauges.rosette a measuring "
+        "grid of the rosette. For a bonded gauge, each angle is a measuring grid of this gauge.",
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -230,7 +232,7 @@ class Angled(Section):
 class AxisDirection(Angled):
     """Measuring directions along an axis that is projected onto the facet, and rotated by angles."""
 
-    type: Literal["axis"] = Field(description="Kind of measuring direction.")
+    type: Literal["axis"] = Field(description="Kind of measuring direction: along a projected axis.")
     axis: DirectionVector = Field(description="Axis in global coordinates [-]; its length is not used.")
 
 
@@ -238,7 +240,7 @@ class PrincipalDirection(Angled):
     """Measuring directions along the principal strain direction of each facet in the training simulation (stage `train`),
     rotated by angles."""
 
-    type: Literal["principal"] = Field(description="Kind of measuring direction.")
+    type: Literal["principal"] = Field(description="Kind of measuring direction: along a principal strain.")
 
 
 Direction = Annotated[AxisDirection | PrincipalDirection, Field(discriminator="type")]
@@ -431,8 +433,8 @@ class Gauges(GaugeSites, Noisy):
     )
     rosette: bool = expert(
         False,
-        description="`true`: the angles at one location are the grids of one rosette, and are placed and removed together. "
-        "`false`: each angle is a separate gauge.",
+        description="`true`: the angles at one location are the measuring grids of one rosette, and are placed and removed "
+        "together. `false`: each angle is a separate gauge.",
     )
     bridge: Literal["half-bending", "full-bending", "half-axial", "full-torsion"] | None = Field(
         None,

@@ -185,7 +185,7 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
             # {ratio: 0,01} is {ratio: 0, "01": null}
             return Problem(
                 ".".join(path[:-1]),
-                f"',{path[-1]}' is read as a separate entry, not as part of a number",
+                f"the comma before '{path[-1]}' separates two entries; it is not a decimal mark",
                 "write a number with a decimal point, as in 0.01",
             )
         case "extra_forbidden":

@@ -92,16 +92,18 @@ class FacingZone(Section):
 
 
 class SetZone(Section):
-    """A node or element set, and the largest distance of the zone from the set."""
+    """A node or element set, and the largest distance of the zone from its nodes."""
 
     set: Text = Field(description="Name of a node or element set.")
-    distance: Size = Field(description="Largest distance from the nearest node of the set [m].")
+    distance: Size = Field(description="Largest distance from the nearest node of the node or element set [m].")
 
 
 class NearSetZone(Section):
     """The part of the surface near a node or element set."""
 
-    near_set: SetZone = Field(description="Name of the set, and largest distance of the zone from the set.")
+    near_set: SetZone = Field(
+        description="Name of a node or element set, and largest distance of the zone from its nodes."
+    )
 
 
 class NearEdgesZone(Section):
@@ -195,7 +197,7 @@ class LayoutSettings(Section):
     )
     exchange: bool = expert(
         True,
-        description="`true`: exchange single gauges after the elimination until no exchange improves the criterion.",
+        description="`true`: exchange single gauges after the backward elimination until no exchange improves the criterion.",
     )
     optimise: Literal["metric", "worst_failure"] = expert(
         "metric",

@@ -46,7 +46,7 @@ class Oscillation(Section):
 class SineSection(Oscillation):
     """A sine: u(t) = a sin(2πft + φ)."""
 
-    type: Literal["sine"] = Field(description="Kind of signal.")
+    type: Literal["sine"] = Field(description="Kind of signal: a sine.")
     frequency: Frequency = Field(description="Frequency f of the sine [Hz].")
     phase: Annotated[float, TURN] = expert(0.0, description="Phase φ of the sine at t = 0 [rad].")
 
@@ -54,7 +54,7 @@ class SineSection(Oscillation):
 class SweepSection(Oscillation):
     """A sine sweep: the frequency changes linearly from start_frequency to end_frequency, and is constant after the sweep."""
 
-    type: Literal["sweep"] = Field(description="Kind of signal.")
+    type: Literal["sweep"] = Field(description="Kind of signal: a sine sweep.")
     start_frequency: Annotated[NotNegative, FREQUENCY] = Field(description="Frequency at t = 0 [Hz].")
     end_frequency: Frequency = Field(description="Frequency at the end of the sweep [Hz].")
     duration: Duration = Field(description="Duration of the sweep [s].")
@@ -63,7 +63,7 @@ class SweepSection(Oscillation):
 class MultiSineSection(Oscillation):
     """Sines of equal amplitude, evenly spaced in frequency, with random phases."""
 
-    type: Literal["multisine"] = Field(description="Kind of signal.")
+    type: Literal["multisine"] = Field(description="Kind of signal: a sum of sines.")
     lowest: Frequency = Field(description="Lowest frequency [Hz].")
     highest: Frequency = Field(description="Highest frequency [Hz].")
     count: Count = Field(ge=1, description="Number of sines [-].")
@@ -78,7 +78,7 @@ class MultiSineSection(Oscillation):
 class RecordedSection(Section):
     """A measured time history, interpolated linearly."""
 
-    type: Literal["csv"] = Field(description="Kind of signal.")
+    type: Literal["csv"] = Field(description="Kind of signal: a measured time history.")
     file: Text = Field(
         description="CSV file with a header line of column names. Columns are separated by commas, semicolons or tabs. The "
         "decimal mark is a point, or a comma if the separator is not a comma. The path is relative to the folder of the config."
@@ -249,7 +249,9 @@ class LoadSection(Section):
         elif kind and self.direction is not None:
             subjects = {"moment": "`moment` is the axis", "bearing": "`bearing` is the direction of the force"}
             what = f"{subjects.get(kind, 'a pressure acts inward')}, so `direction` is not permitted"
-            yield Problem("direction", what, f"remove `direction`, or remove `{kind}` for a force", at_key=True)
+            yield Problem(
+                "direction", what, f"remove `direction`, or remove `{kind}` if the load is a force", at_key=True
+            )
         if kind in ("bearing", "pressure") and self.set is None:
             yield Problem(
                 kind,
@@ -276,7 +278,7 @@ def unit_of(load: Mapping[str, object]) -> str:
 class CaseLoad(TypicalMotion):
     """Signal of a load in one load case."""
 
-    signal: LoadSignal = Field(description="Time history of the load in this case.")
+    signal: LoadSignal = Field(description="Time history of the load in this load case.")
 
 
 CaseEntry = Annotated[
@@ -290,26 +292,26 @@ class TrainingCase(Section):
 
     weight: Annotated[Positive, Plausible(1e-6, 1e6)] = Field(
         1.0,
-        description="Weight of this load case in the criterion [-], a factor on the variances of the unknowns in this case. "
+        description="Weight of this load case in the criterion [-], a factor on the variances of the unknowns in this load case. "
         "A weight of 4 has the same effect as twice the σ of the unknowns.",
     )
     loads: dict[Name, CaseEntry] = Field(
         {},
         description="Loads with another signal than in the section `loads`, by name; `none` for a load that does not act in "
-        "this case. All other loads are as in the section `loads`. An unknown load with `none` remains an unknown of the "
-        "filter, but the criterion of this case excludes the load.",
+        "this load case. All other loads are as in the section `loads`. An unknown load with `none` remains an unknown of the "
+        "filter, but the criterion of this load case excludes the load.",
     )
     duration: Duration | None = Field(
-        None, description="Duration of the simulation of this case [s]; null: train.duration."
+        None, description="Duration of the simulation of this load case [s]; null: train.duration."
     )
     time_step: TimeStep | None = expert(
         None,
-        description="Time step of this case [s]; null: train.time_step. `gauges.noise_std` applies to train.time_step in every "
-        "case; it is converted to this time step with the same noise intensity.",
+        description="Time step of this load case [s]; null: train.time_step. `gauges.noise_std` applies to train.time_step in "
+        "every load case; it is converted to this time step with the same noise intensity.",
     )
     settle: Annotated[Settle | None, DURATION] = expert(
         None,
-        description="Start of the motion in this case; the values are explained under train.settle. Null: train.settle.",
+        description="Start of the motion in this load case; the values are explained under train.settle. Null: train.settle.",
     )
 
 
@@ -330,13 +332,16 @@ def load_case_problems(
                 frequency = entry.frequency or loads[load].process_noise.frequency
                 yield from _untypical(f"{key}.loads.{load}.frequency", entry.signal, frequency)
         if silent >= set(loads):
-            yield Problem(f"{key}.loads", "no load acts in this case", "add a signal to one load, or remove the case")
+            yield Problem(
+                f"{key}.loads", "no load acts in this load case", "add a signal to one load, or remove the load case"
+            )
         elif silent >= set(over):
             listed = ", ".join(over)
             yield Problem(
                 f"{key}.loads",
-                f"{listed} {'does' if len(over) == 1 else 'do'} not act in this case, and the criterion has no other unknown",
-                f"add a signal to {' or '.join(over)}, or remove the case",
+                f"{listed} {'does' if len(over) == 1 else 'do'} not act in this load case, and the criterion has no "
+                "other unknown",
+                f"add a signal to {' or '.join(over)}, or remove the load case",
             )
     for unknown in estimate:
         if unknown in loads and all(unknown in silent_in(case) for case in cases.values()):

@@ -201,7 +201,7 @@ class Support(Section):
 
 
 class Face(Section):
-    """A named part of the surface: the facets that satisfy all criteria."""
+    """A named part of the surface: the facets that `near`, `normal`, `box` and `radius`, as far as set, all select."""
 
     near: Point | Annotated[tuple[Point, ...], Field(min_length=1)] | None = Field(
         None,
@@ -223,7 +223,9 @@ class Face(Section):
 
     def problems(self) -> Iterator[Problem]:
         if not (self.near or self.normal or self.box or self.radius):
-            yield Problem("", "no criterion is set", "set `near`, `normal`, `box` or `radius`", at_key=True)
+            yield Problem(
+                "", "no key selects the facets of this face", "set `near`, `normal`, `box` or `radius`", at_key=True
+            )
         if self.box is not None:
             yield from box_problem("box", self.box)
 
@@ -426,8 +428,8 @@ class MeshFile(Section):
     )
     spc: SetId | None = expert(
         None,
-        description="Id of the active support set (SPC, SPC1, SPCADD) of a Nastran deck; null: the set selected in the case "
-        "control section.",
+        description="Id of the active support set (SPC, SPC1, SPCADD) of a Nastran deck; null: the support set selected "
+        "in the case control section.",
     )
     step: SetId | None = expert(
         None,

@@ -132,14 +132,14 @@ class MaterialParameter(Section):
 class ModalDamping(Section):
     """Equal damping ratio in every mode."""
 
-    type: Literal["modal"] = Field(description="Kind of damping.")
+    type: Literal["modal"] = Field(description="Kind of damping: equal ratio in every mode.")
     ratio: Annotated[float, Plausible(1e-5, 0.2)] = Field(ge=0, lt=1, description="Damping ratio of every mode [-].")
 
 
 class RayleighDamping(Section):
     """Rayleigh damping: C = αM + βK."""
 
-    type: Literal["rayleigh"] = Field(description="Kind of damping.")
+    type: Literal["rayleigh"] = Field(description="Kind of damping: Rayleigh damping.")
     alpha: Annotated[NotNegative, Plausible(1e-6, 1e3, "1/s")] = expert(
         description="Coefficient α of the mass matrix [1/s]."
     )
@@ -171,10 +171,10 @@ class ReducedModelSection(Section):
         1e-4,
         gt=0,
         lt=1,
-        description="Truncation tolerance of the reduced basis [-], for modes and static responses (snapshots) of the samples "
-        "away from the guess. Basis vectors with a smaller singular value are omitted; each snapshot is scaled to unit strain "
-        "energy. The tolerance is approximately the relative strain error at parameters away from the guess. The run "
-        "time of `place` is proportional to the cube of the basis size.",
+        description="Truncation tolerance of the reduced basis [-], for modes and static responses (snapshots) of the "
+        "parameter samples other than the guess. Basis vectors with a smaller singular value are omitted; each "
+        "snapshot is scaled to unit strain energy. The tolerance is approximately the relative strain error at parameter "
+        "values other than the guess. The run time of `place` is proportional to the cube of the basis size.",
     )
 
 
@@ -197,12 +197,12 @@ class Train(TimeSpan):
 
 
 class Screen(Section):
-    """Selection of the candidates for the elimination in the stage `place`."""
+    """Selection of the candidates for the backward elimination in the stage `place`."""
 
     keep: Annotated[Annotated[int, Field(ge=1)] | KeepAll, Plausible(1, 1e6)] = Field(
         "all",
-        description="Number of candidates of each sensor kind that are selected for the elimination in the stage `place` "
-        "[-], or 'all'.",
+        description="Number of candidates of each sensor kind that are selected for the backward elimination in the stage "
+        "`place` [-], or 'all'.",
     )
     by: Literal["unknowns", "strength"] = Field(
         "unknowns",
@@ -225,8 +225,9 @@ class ProcessNoise(Section):
         "continuous",
         description="Scaling of the process noise of loads with the typical amplitude a and frequency ω. With `continuous`: "
         "intensity q = κωa², with κ = loads.NAME.process_noise.kappa. With `thesis`: variance (hωa)² in each "
-        "step h = train.time_step, independent of κ. With `as_printed`: the variances "
-        "of `thesis` and of the gauges are used as intensities in the Riccati equation.",
+        "step h = train.time_step, independent of κ. With `as_printed`: as printed "
+        "in the thesis of Cottone (2022), the variances of `thesis` and of the gauges are used as intensities in the Riccati "
+        "equation.",
     )
     model_error: Annotated[float | None, Plausible(1e-9, 1.0)] = Field(
         None,
@@ -234,7 +235,7 @@ class ProcessNoise(Section):
         le=1e6,
         description="Process noise of the velocities, relative to the RMS acceleration in the training simulation (stage "
         "`train`) [-]. Null: 0.01, since without this noise the filter is overconfident if the damping is uncertain. "
-        "Exception: with the grid filter and tolerances.damping above 1, null is 0 in the filter, since this noise "
+        "Exception: with the grid filter and tolerances.damping above 1, null means 0 in the filter, since this noise "
         "would bias the parameters.",
     )
 
@@ -247,7 +248,7 @@ class Symmetry(Section):
 
 
 class PlaceSection(LayoutSettings):
-    """Gauge placement by elimination."""
+    """Gauge placement by backward elimination."""
 
     estimate: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(
         description="Unknown loads and parameters to estimate with the layout."
@@ -267,7 +268,7 @@ class PlaceSection(LayoutSettings):
     load_cases: Annotated[dict[Name, TrainingCase], Field(min_length=1)] | None = Field(
         None,
         description="Load cases, by name, for which one common layout is placed; the load cases replace the signals of `loads`. "
-        "Null: one case with the signals of `loads`. Validation always uses `loads`.",
+        "Null: one load case with the signals of `loads`. Validation always uses `loads`.",
     )
     weights: Literal["normalised", "thesis"] = Field(
         "normalised",
@@ -322,8 +323,8 @@ class Filter(Section):
     compare: bool | None = Field(
         None,
         description="`true`: compare the grid filter with the extended and the sigma-point filter on the same measurements, to "
-        "detect an overconfident σ. Null: `true` in `validate`, and in `estimate` for up to 20 000 steps (run time about 2 "
-        "ms for each step).",
+        "detect an overconfident σ. Null: `true` in `validate`, and in `estimate` for up to 20 000 time steps (run time about 2 "
+        "ms for each time step).",
     )
     scheme: Literal["exact", "trapezoidal", "implicit_euler"] = expert(
         "exact",
@@ -360,8 +361,8 @@ class Report(Section):
     )
     datum: Datum = with_defaults(
         Datum,
-        "Datum of the gauge positions on the results page, in the drawings, in workshop.csv and in workshop.unv; lengths in the "
-        "length unit of the deck.",
+        "Datum of the gauge positions on the results page, in the drawings, in workshop.csv and in workshop.unv; its values "
+        "are in the length unit of the deck.",
     )
     exports: tuple[Export, ...] = expert(
         (),
@@ -393,7 +394,8 @@ class PlacementConfig(NamedRun, Damped):
         "direct",
         description="Linear solver for the stiffness matrix, for modes and static responses. With `direct`: PARDISO in this "
         "process. With `slepc`: SLEPc and MUMPS in MPI processes, for models larger than the memory of one machine. The "
-        "environment variables STRAINSIGHT_MPI and STRAINSIGHT_MPI_PYTHON set the launcher and the number of processes.",
+        "environment variable STRAINSIGHT_MPI sets launcher and number of processes ('mpiexec -n 4'), STRAINSIGHT_MPI_PYTHON the "
+        "path of the Python interpreter.",
     )
     rom: ReducedModelSection = with_defaults(ReducedModelSection, "Reduced model that depends on the parameters.")
     train: Train = Field(
@@ -406,10 +408,12 @@ class PlacementConfig(NamedRun, Damped):
     motion_sensors: dict[Name, MotionSensors] = Field(
         {}, description="Accelerometers and displacement sensors, by name."
     )
-    screen: Screen = with_defaults(Screen, "Selection of the candidates for the elimination in the stage `place`.")
+    screen: Screen = with_defaults(
+        Screen, "Selection of the candidates for the backward elimination in the stage `place`."
+    )
     process_noise: ProcessNoise = with_defaults(ProcessNoise, "Process noise of the filter.")
     observe: Cases = with_defaults(Cases, "Observability study of the unknowns.")
-    place: PlaceSection = Field(description="Gauge placement by elimination.")
+    place: PlaceSection = Field(description="Gauge placement by backward elimination.")
     filter: Filter = with_defaults(Filter, "Filter of validation and estimation.")
     validation: Validate = Field(alias="validate", description="Validation of the filter with simulated measurements.")
     estimate: Estimate | None = Field(None, description="Estimation from the measurements of a test.")

@@ -21,7 +21,8 @@ class Measure(Section):
         description="Name of the run without the suffix of the suite, or a list of names; the limits apply to each run."
     )
     number: Text | Texts = Field(
-        description="Name of the result in the summary of the stage, such as slope.Fz, or a list of names."
+        description="Name of the result in the group `summary` of the HDF5 file of the stage, or a list of names. Example: "
+        "slope.Fz, the slope of the estimated over the true load Fz."
     )
     stage: Text | None = Field(
         None, description="Stage that computes the result; null: `estimate` for a bench, `validate` for a placement."
@@ -128,8 +129,8 @@ class StudySection(Noted):
     )
     numbers: tuple[Text, ...] = expert(
         (),
-        description="Results to plot, such as slope.Fz, from the summary of `estimate` (for a placement, of "
-        "`validate`). Default: error and standard deviation of every unknown.",
+        description="Results to plot, such as slope.Fz, from the group `summary` of estimate.h5 (for a placement, "
+        "of validate.h5). Default: error and standard deviation of every unknown.",
     )
 
 

@@ -184,7 +184,7 @@ def _refused(
             yield wrong(
                 suite,
                 f"studies.{model.studies.index(study)}.over",
-                f"{study.over} is not a number in the config of runs[{run.place}], '{run.config.data['name']}'",
+                f"{study.over} is not a number in the config of run '{run.config.model.name}' (runs[{run.place}])",
                 f"use a key that is a number in every run of the study, or set {study.over} under runs[{run.place}].set",
             )
     for place, measure in measures_of(model.claims, model.comparisons).items():

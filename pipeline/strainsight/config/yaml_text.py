@@ -132,7 +132,10 @@ def _text(node: Any, path: str) -> str:
         return str(node.value).encode("utf-16", "surrogatepass").decode("utf-16")
     except UnicodeDecodeError:
         raise YamlProblem(
-            "the text contains half of a surrogate pair", *_at(node), path, "write the character, not an escape"
+            "the text contains half of a surrogate pair",
+            *_at(node),
+            path,
+            "write the character itself instead of its escape (\\u…)",
         ) from None
 
 

@@ -223,7 +223,7 @@ def lost_mass(
         return []
     row = int(np.argmax(lost))
     return [
-        f"matrix rows with mass but without stiffness are left out ({np.count_nonzero(lost)} in total), for example node "
+        f"matrix rows with mass but without stiffness are omitted ({np.count_nonzero(lost)} in total), for example node "
         f"{mesh.node_ids[nodes[row]]}, component {components[row] + 1}"
     ]
 

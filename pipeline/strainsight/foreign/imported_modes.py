@@ -108,8 +108,8 @@ FOLLOWS, FACTOR = 0.9, 1.5
 """A response with cos² above FOLLOWS to the modal response of its load must have the same size within FACTOR."""
 
 AS_LOADED = (
-    "check that nodes and direction of this load are those of the load step in the results, and that `applied` is the load "
-    "magnitude in that step [N, N m, Pa]. Check mesh.length_unit, and that the modes and this step have the same supports"
+    "check that nodes and direction of this load are those of the load step in the results, and that `magnitude` is the load "
+    "in that step [N, N m, Pa]. Check mesh.length_unit, and that the modes and this step have the same supports"
 )
 
 
@@ -194,19 +194,19 @@ def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None)
         ]
     if mesh_mass is None:
         return file_mass, []
-    off = mesh_mass / file_mass
-    worst = int(np.argmax(np.abs(np.log(off))))
-    if abs(off[worst] - 1) > OFF:
+    ratio = mesh_mass / file_mass
+    worst = int(np.argmax(np.abs(np.log(ratio))))
+    if abs(ratio[worst] - 1) > OFF:
         raise UserError(
-            f"the modal mass of mode {worst + 1} from the densities of the mesh is {off[worst]:.4g} times the "
+            f"the modal mass of mode {worst + 1} from the densities of the mesh is {ratio[worst]:.4g} times the "
             "value in the results",
             key="mesh.results",
             remedy="use the densities, point masses and units of the original analysis, or remove the densities. If "
             "the modes do not have unit mass, set `modal_mass: mesh`",
         )
-    if abs(off[worst] - 1) > UNIT:
+    if abs(ratio[worst] - 1) > UNIT:
         return file_mass, [
-            f"the modal mass of mode {worst + 1} from the densities of the mesh is {off[worst]:.4g} times the "
+            f"the modal mass of mode {worst + 1} from the densities of the mesh is {ratio[worst]:.4g} times the "
             "value in the results; the value in the results is used"
         ]
     return file_mass, []
@@ -229,8 +229,8 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         modal = float(np.sum(P[:, j] ** 2 / lam))
         if not energy[j] > 0 or modal > (1 + SHARES) * energy[j]:
             raise UserError(
-                f"the work of this load on its static response is {energy[j]:.5g} J. It cannot be less than the part of this "
-                f"work that belongs to the modes, {modal:.5g} J",
+                f"the work of this load on its static response is {energy[j]:.5g} J, less than its work on the modal part "
+                f"of this response, {modal:.5g} J",
                 key=f"mesh.results.loads.{names[j]}",
                 where=where[j],
                 remedy=AS_LOADED,
@@ -244,7 +244,8 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
             )
             if off > SYMMETRIC:
                 raise UserError(
-                    f"{message}. Both values must be equal (reciprocity), so these loads do not belong to the results",
+                    f"{message}. Both values must be equal (reciprocity), so the loads of the config "
+                    "differ from those of the results",
                     key=f"mesh.results.loads.{names[i]}",
                     where=where[i],
                     remedy=AS_LOADED,
@@ -420,18 +421,19 @@ def describe_responses(
     without = [name for i, name in enumerate(names) if i not in results.load]
     if without:
         notes.append(
-            f"the results have no static response to {', '.join(without)}. The strain under such a load lacks the part that the "
-            f"{len(results.frequency)} modes do not represent"
+            f"the results have no static response to {', '.join(without)}. The strain under such a load lacks the part that "
+            f"modes 1 to {len(results.frequency)} do not represent"
         )
     if dropped:
         notes.append(
-            f"{dropped} of {len(results.load)} static responses left out: they are linear combinations of the modes and the "
+            f"{dropped} of {len(results.load)} static responses are omitted: they are linear combinations of the modes and the "
             f"other responses, within the relative precision {results.rounding:.0e} of the file"
         )
     if quasi_static and len(results.load) > dropped:
         notes.append(
             "the mesh does not define the mass of the static residuals (static responses minus their modal part). They "
-            f"follow the loads quasi-statically: their frequency is {above:.4g} Hz, {ABOVE:g} times the highest natural frequency"
+            f"follow the loads quasi-statically: their frequency is set to {above:.4g} Hz, {ABOVE:g} times the highest natural "
+            "frequency"
         )
     return notes
 

@@ -81,7 +81,7 @@ def check_values(change: Change) -> None:
             f"both result sets have the same value {change.parameter.name} = {change.first:g}, so their difference does not "
             "show the effect of this parameter",
             key=f"{KEY}.at",
-            remedy="compute the second set with a value of the parameter that differs by 20 % to 50 %",
+            remedy="compute the second result set with a value of the parameter that differs by 20 % to 50 %",
         )
 
 
@@ -93,9 +93,9 @@ def check_supports(mesh: Mesh, imported: tuple[ImportedMotion, ImportedMotion]) 
         which, free = ("first", "second") if fixed_rows[0][other[0]] else ("second", "first")
         raise UserError(
             f"{describe_row(mesh, imported[0].constraint, int(other[0]))} is fixed in the {which} result set, but not in the "
-            f"{free} set (affected degrees of freedom: {other.size})",
+            f"{free} result set (affected degrees of freedom: {other.size})",
             key=KEY,
-            remedy="compute both sets with the same supports",
+            remedy="compute both result sets with the same supports",
         )
 
 
@@ -148,7 +148,7 @@ def check_frequencies(change: Change, first: Observed, second: Observed, stiff: 
             f"mode {i + 1} changes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz, but a change of {values} "
             f"allows only a factor of {np.sqrt(low):.4g} to {np.sqrt(high):.4g} between the frequencies",
             key=KEY,
-            remedy="change only this parameter between the sets, write the same number of modes from the lowest on, "
+            remedy="change only this parameter between the result sets, write the same number of modes from the lowest on, "
             "and check both values (mesh.results.at, mesh.results.second.at)",
         )
     if np.abs(moved - 1).max() < slack:
@@ -232,7 +232,8 @@ def build_two_set_model(
     if rounding >= FEW_DIGITS:
         notes.append(
             f"the result files have a relative precision of {rounding:.0e}. The effect of {parameter.name} is the difference "
-            f"of both sets, so the relative error of σ({parameter.name}) can reach 1e-3. Binary files are more precise"
+            f"of both result sets, so the relative error of its standard deviation can reach "
+            "1e-3. Binary files are more precise"
         )
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)
@@ -247,11 +248,11 @@ def _change_of_stiffness(
     c = np.linalg.lstsq(np.stack([X[:k, k:].ravel() for X in forms], axis=1), N.ravel(), rcond=1e-10)[0]
     form = np.asarray(sum(value * X for value, X in zip(c, forms, strict=True)))
     S = N - form[:k, k:]
-    off = float(np.linalg.norm(S) / np.linalg.norm(N))
-    if off > FORM:
+    misfit = float(np.linalg.norm(S) / np.linalg.norm(N))
+    if misfit > FORM:
         raise UserError(
-            f"{off:.0%} (limit {FORM:.0%}) of the stiffness difference between the two sets does not fit isotropic materials in "
-            f"{', '.join(str(mesh.regions[r]) for r in parameter.regions)}",
+            "the stiffness difference between the two result sets does not fit isotropic materials in "
+            f"{', '.join(str(mesh.regions[r]) for r in parameter.regions)} (misfit {misfit:.0%}, limit {FORM:.0%})",
             key=KEY,
             remedy="change only this parameter in these regions; for anisotropic materials or other changes, "
             "import the input deck, or use mesh.matrices",
@@ -260,12 +261,12 @@ def _change_of_stiffness(
     a = _pseudo_inverse(energy[:k, :k]) @ energy[:k, k:]
     b = _pseudo_inverse(energy[k:, k:]) @ energy[k:, :k]
     D = _assemble_blocks(form[:k, :k] + _symmetrize(S @ b), N, form[k:, k:] + _symmetrize(a.T @ S))
-    if off <= NOTED:
+    if misfit <= NOTED:
         return D, []
     return D, [
-        f"{off:.1%} of the stiffness change due to {parameter.name} does not fit the element formulation of strainsight. "
-        f"For values of {parameter.name} between those of the two sets, the relative error of the frequencies is about "
-        f"{off / 100:.0e}"
+        f"{misfit:.1%} of the stiffness change due to {parameter.name} does not fit the element formulation of strainsight. "
+        f"For values of {parameter.name} between those of the two result sets, the relative error of the frequencies is about "
+        f"{misfit / 100:.0e}"
     ]
 
 
@@ -332,18 +333,18 @@ def _check_reproduced(
     change: Change, sets: tuple[Observed, Observed], A: np.ndarray, M: np.ndarray, X1: np.ndarray, stiff: bool
 ) -> None:
     """Raise UserError unless the lowest modes at both values are those of the sets."""
-    for number, observed_set in zip(("first", "second"), sets, strict=True):
-        step = 0.0 if number == "first" else change.second - change.first
+    for which, observed_set in zip(("first", "second"), sets, strict=True):
+        step = 0.0 if which == "first" else change.second - change.first
         K, mass = (A + step * X1, M) if stiff else (A, M + step * X1)
         frequency = np.sqrt(eigh(K, mass, eigvals_only=True)[: len(observed_set.lam)]) / (2 * np.pi)
         off = np.abs(frequency / observed_set.frequency - 1)
         worst = int(np.argmax(off))
         if not off[worst] < REPRODUCED:
             raise UserError(
-                f"mode {worst + 1} of the {number} set is at {frequency[worst]:.6g} Hz in the model interpolated "
-                f"from both sets, but at {observed_set.frequency[worst]:.6g} Hz in the file",
+                f"mode {worst + 1} of the {which} result set is at {frequency[worst]:.6g} Hz in the model interpolated "
+                f"from both result sets, but at {observed_set.frequency[worst]:.6g} Hz in the file",
                 key=KEY,
-                remedy="use the mesh, densities and loads of the original analysis for both sets, and all modes from "
+                remedy="use the mesh, densities and loads of the original analysis for both result sets, and all modes from "
                 "the lowest on",
             )
 

@@ -61,7 +61,7 @@ def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step
                 notes.extend(more)
         missing = np.isnan(calibrated)
         if missing.any():
-            notes.append(f"{name}: {np.count_nonzero(missing)} of {len(calibrated)} samples are missing")
+            notes.append(f"{name}: samples are missing ({np.count_nonzero(missing)} of {len(calibrated)})")
             notes.extend(_stretch(name, missing, recording.time))
         notes.extend(done)
         with blame(name):
@@ -88,7 +88,7 @@ def _stretch(name: str, missing: np.ndarray, time: np.ndarray) -> tuple[str, ...
         return ()
     start, end = time[first[longest]], time[behind[longest] - 1]
     return (
-        f"{name}: {count} consecutive samples are missing, from {start:.9g} to {end:.9g} s; in this "
+        f"{name}: all samples from {start:.9g} to {end:.9g} s are missing ({count}); in this "
         "interval only the other channels are used",
     )
 
@@ -212,7 +212,10 @@ def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
         )
     name, t = next((name, t) for name, t in clocks.items() if not _same(first, t))
     two = {next(iter(clocks)): first, name: t}
-    spans = [f"{quote(n)} has {len(x)} samples from {_at(x, 0)} to {_at(x, -1)} s" for n, x in two.items()]
+    spans = [
+        f"{quote(channel)} has {len(time)} samples from {_at(time, 0)} to {_at(time, -1)} s"
+        for channel, time in two.items()
+    ]
     raise UserError(
         "the channels have different sampling times: " + ", ".join(spans),
         where=str(path),

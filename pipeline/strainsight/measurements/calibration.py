@@ -160,7 +160,7 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
     check_marks(replace(recording, channels={name: values}), name, settings.unit)
     if settings.offset:
         values -= settings.offset
-        notes.append(f"{name}: {settings.offset:g} {settings.unit} was subtracted")
+        notes.append(f"{name}: an offset of {settings.offset:g} {settings.unit} was subtracted")
     if settings.drift:
         values -= settings.drift * (recording.time - recording.time[0])
         notes.append(f"{name}: a drift of {settings.drift:g} {settings.unit} per second was subtracted")
@@ -198,7 +198,7 @@ def _mark_missing(recording: Recording, name: str, settings: ChannelSettings, va
             )
         marked |= within
     values[marked] = np.nan
-    return (f"{name}: {marked.sum()} of {len(values)} samples were marked as missing",) if marked.any() else ()
+    return (f"{name}: samples were marked as missing ({marked.sum()} of {len(values)})",) if marked.any() else ()
 
 
 def _check_unit(recording: Recording, name: str, settings: ChannelSettings) -> tuple[str, ...]:
@@ -245,7 +245,7 @@ def _subtract_zero(recording: Recording, name: str, settings: ChannelSettings, v
         )
     mean = float(np.mean(within))
     values -= mean
-    return f"{name}: {mean:g} {settings.unit} was subtracted, the mean of {within.size} samples from {start:g} to {end:g} s"
+    return f"{name}: the mean of {within.size} samples from {start:g} to {end:g} s was subtracted, {mean:g} {settings.unit}"
 
 
 def _strain(recording: Recording, name: str, bridge: Bridge, r: np.ndarray) -> np.ndarray:

@@ -86,7 +86,7 @@ def uniform_clock(recording: Recording) -> Clock:
     notes = corrected + tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
     if gaps.size > 10:
         notes += (
-            f"{_rows(int(np.sum(whole[gaps[10:]] - 1)))} inserted in {gaps.size - 10} later gap{'s' * (gaps.size > 11)}",
+            f"rows without samples were inserted in later gaps (gaps {gaps.size - 10}, rows {np.sum(whole[gaps[10:]] - 1):.0f})",
         )
     row = np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
     start, step = _fit_line(t, row)
@@ -117,8 +117,11 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
     )
     if ratio < 1 or k == 1:
         if k > 1:
-            rows = f"{_rows(k - 1)} inserted between consecutive samples: the sampling interval is"
-            notes = (*notes, f"{rows} {clock.step:g} s, the time step of the filter {step:g} s")
+            note = (
+                f"rows without samples were inserted between consecutive samples ({k - 1} each), because the sampling interval "
+                f"is {clock.step:g} s and the time step of the filter {step:g} s"
+            )
+            notes = (*notes, note)
         return Clock(clock.start, step, (clock.count - 1) * k + 1, clock.row * k), np.arange(len(clock.row)), notes
     used = np.flatnonzero(clock.row % k == 0)
     note = f"one in {k} samples of the record was used: frequencies above {0.5 / step:g} Hz cause aliasing"
@@ -192,11 +195,7 @@ def _refuse_interval(recording: Recording, i: int, steps: float, step: float, ma
 
 
 def _gap_note(recording: Recording, i: int, missing: int) -> str:
-    return f"{_rows(missing)} inserted after {recording.time[i]:.9g} s ({recording.place(i + 1)})"
-
-
-def _rows(count: int) -> str:
-    return "1 row without samples was" if count == 1 else f"{count} rows without samples were"
+    return f"rows without samples were inserted after {recording.time[i]:.9g} s ({missing} in total, {recording.place(i + 1)})"
 
 
 def _fit_line(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:

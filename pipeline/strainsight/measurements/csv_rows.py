@@ -99,7 +99,7 @@ def rows_by_line(
             cells.pop()
         if len(cells) != len(layout.names):
             raise UserError(
-                f"the line has {len(cells)} cells, but the table has {len(layout.names)} columns: {quote(decode(line))}",
+                f"the line {quote(decode(line))} has {len(cells)} cells, but the table has {len(layout.names)} columns",
                 where=where,
                 remedy=_remedy_for_count(len(cells), layout),
             )

@@ -122,7 +122,7 @@ def _apply(function: np.ufunc, name: str, tokens: Tokens, at: int, x: Value, dep
     for number in range(function.nin):
         if number:
             if tokens[at][1] != ",":
-                raise ValueError(f"{name} requires {function.nin} arguments")
+                raise ValueError(f"the function {name} requires {function.nin} arguments")
             at += 1
         value, at = _evaluate_sum(tokens, at, x, depth)
         arguments.append(value)

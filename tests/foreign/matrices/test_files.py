@@ -151,7 +151,7 @@ def test_a_numbering_is_nodes_and_components(tmp_path):
         ("node,component\n7,1\n7\n", "is 1, not 2", 3),
         ("node,component\n7,7\n", "component 7", 2),
         ("node,component\n7,0\n", "scalar point", 2),
-        ("node,component\n7,1\n8,1\n7,1\n", "node 7, component 1 is numbered twice", 4),
+        ("node,component\n7,1\n8,1\n7,1\n", "node 7, component 1 is assigned to two matrix rows", 4),
         ("node,component\n", "write one line node,component for each matrix row", None),
     ],
 )

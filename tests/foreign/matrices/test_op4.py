@@ -155,7 +155,7 @@ def test_calculix_matrices_match_deck(job):
         (".sti", "1 1 1.\n1 2 x\n", r"job.sti:2.*'1 2 x' does not consist of row, column and value"),
         (".sti", "", "the file is empty"),
         (".dof", "{}5\n", r"'5' is not of the form node\.component"),
-        (".dof", "{}4.2\n", "node 4, component 2 is numbered twice"),
+        (".dof", "{}4.2\n", "node 4, component 2 is assigned to two matrix rows"),
     ],
 )
 def test_invalid_calculix_matrix_is_refused(job, ending, text, what):

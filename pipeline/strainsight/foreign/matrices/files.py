@@ -183,7 +183,9 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
     pairs = np.array(rows, dtype=np.int64).reshape(-1, 2)
     if len(pairs) == 0:
         raise error_at(
-            path, "the file contains no numbering of rows", "write one line node,component for each matrix row"
+            path,
+            "the file assigns no node and component to a matrix row",
+            "write one line node,component for each matrix row",
         )
     _, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(first[inverse.ravel()] != np.arange(len(pairs)))
@@ -191,7 +193,7 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
         row = int(again[0])
         raise error_at(
             f"{path}:{lines[row]}",
-            f"node {pairs[row, 0]}, component {pairs[row, 1] + 1} is numbered twice",
+            f"node {pairs[row, 0]}, component {pairs[row, 1] + 1} is assigned to two matrix rows",
             f"correct this line or line {lines[int(first[inverse.ravel()[row]])]}, so that every row is unique",
         )
     return pairs[:, 0], pairs[:, 1]
@@ -206,7 +208,7 @@ def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[s
     wanted, (_, first) = ",".join(header), rows[0]
     if [cell.lower() for cell in first] != list(header):
         raise error_at(
-            f"{path}:1", f"the first line is {','.join(first)[:60]!r}", f"replace the first line by {wanted!r}"
+            f"{path}:1", f"the first line is {','.join(first)[:60]!r}", f"write the header {wanted!r} in the first line"
         )
     for number, cells in rows[1:]:
         if len(cells) != len(header):
@@ -257,7 +259,7 @@ def _integer(cell: str, path: Path, number: int) -> int:
     value = parse_integer(cell)
     if value is None:
         remedy = "write node ids and components as integers"
-        raise error_at(f"{path}:{number}", f"an entry {describe_non_integer(cell[:40])}", remedy)
+        raise error_at(f"{path}:{number}", f"the node id or component {describe_non_integer(cell[:40])}", remedy)
     return value
 
 

@@ -57,7 +57,7 @@ def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where
     if kind not in (1, 2) or not (0 < columns <= LARGEST and 0 < abs(rows) <= LARGEST):
         raise error_at(
             where,
-            f"this is not a matrix header: {abs(rows)} × {columns}, type {kind}",
+            f"the matrix header is not valid: {abs(rows)} rows, {columns} columns, type {kind}",
             "check that the file is an OP4 file and not damaged",
         )
     return Header(matrix_name, (abs(rows), columns), rows < 0 or rows >= BIGMAT, 1 if kind == 1 else words)
@@ -207,13 +207,13 @@ def text_matrices(path: Path) -> Iterator[tuple[Header, Iterator[Column]]]:
             at = sum(widths)
             header = header_of(line[at : at + 8], columns, rows, kind, 2, lines.where)
             number_format = _FORMAT.search(line[at + 8 :].decode("ascii", "replace").upper())
-            a_line, width = (int(number_format[1]), int(number_format[2])) if number_format else (5, 16)
-            if not (0 < a_line <= 100 and 0 < width <= 100):
-                raise damage_error(f"the number format {a_line}E{width} is not valid", lines.where)
-            yield header, _text_columns(lines, header, a_line, width)
+            per_line, width = (int(number_format[1]), int(number_format[2])) if number_format else (5, 16)
+            if not (0 < per_line <= 100 and 0 < width <= 100):
+                raise damage_error(f"the number format {per_line}E{width} is not valid", lines.where)
+            yield header, _text_columns(lines, header, per_line, width)
 
 
-def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Iterator[Column]:
+def _text_columns(lines: _Lines, header: Header, per_line: int, width: int) -> Iterator[Column]:
     last = 0
     while True:
         column, row, left = lines.integers(lines.next(), 8, 8, 8)
@@ -224,7 +224,7 @@ def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Ite
             return
         numbers = array("d")
         if row > 0:
-            _read_numbers(numbers, lines, left, a_line, width)
+            _read_numbers(numbers, lines, left, per_line, width)
             yield check_column(header, column, [row], [left], numbers, where)
             continue
         rows, lengths = [], []
@@ -242,14 +242,14 @@ def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Ite
                 raise damage_error(what, lines.where)
             rows.append(row)
             lengths.append(size // header.words)
-            _read_numbers(numbers, lines, lengths[-1], a_line, width)
+            _read_numbers(numbers, lines, lengths[-1], per_line, width)
         yield check_column(header, column, rows, lengths, numbers, where)
 
 
-def _read_numbers(numbers: array[float], lines: _Lines, count: int, a_line: int, width: int) -> None:
+def _read_numbers(numbers: array[float], lines: _Lines, count: int, per_line: int, width: int) -> None:
     while count > 0:
         line = lines.next().replace(b"D", b"E")
-        many = min(a_line, count)
+        many = min(per_line, count)
         numbers.extend([_number(line[at : at + width], lines) for at in range(0, width * many, width)])
         count -= many
 
