@@ -57,7 +57,7 @@ def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_
     said = []
     factor = OverMpi(said.append)(K) if start(processes) else None
     frequency, shapes = modes(K, M, 8, factor=factor)
-    assert f"in {processes} processes: factorising {SIDE**3} degrees of freedom" in said[0]
+    assert f"in {processes} processes: the factorisation with {SIDE**3} degrees of freedom used" in said[0]
     assert np.allclose(frequency, exact[:8], rtol=1e-11)
     assert np.allclose(shapes.T @ (M @ shapes), np.eye(8), atol=1e-11)
     assert np.allclose(shapes, modes(K, M, 8)[1], atol=1e-9 * np.abs(shapes).max())
@@ -201,8 +201,8 @@ def test_no_answer_in_time(tmp_path, monkeypatch):
         ({}, {LAUNCHER: "no-such-mpiexec -n 2"}, "the MPI launcher no-such-mpiexec was not found", "apt install openmpi-bin"),
         ({}, {LAUNCHER: "mpiexec '-n 2"}, "is not a valid command", "quotes"),
         ({}, {LAUNCHER: "false"}, "`false` ended with exit code 1", "OMPI_ALLOW_RUN_AS_ROOT=1"),
-        ({}, {PYTHON: "no-such-python"}, "no-such-python: does not run", "pip install"),
-        ({}, {PYTHON: "false"}, "false: does not run", "python3-slepc4py"),
+        ({}, {PYTHON: "no-such-python"}, "no-such-python: the interpreter does not run", "pip install"),
+        ({}, {PYTHON: "false"}, "false: the interpreter does not run", "python3-slepc4py"),
         ({"slepc": False}, {PYTHON: sys.executable}, f"{sys.executable}: no slepc4py", ""),
     ],
 )

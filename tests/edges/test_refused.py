@@ -40,7 +40,7 @@ PLACEMENTS = [
     ("filter.drift", "parameters are constant in the grid filter", {"filter.drift": True}),
     ("process_noise.model_error", "at most 1e+06", {"process_noise.model_error": 1e30}),
     (DAMPING, "the smallest damping ratio", {DAMPING: {"type": "rayleigh", "alpha": 1e30, "beta": 0.0}}),
-    ("rom.modes", "the requested number of modes is 200, but the number of unknowns with mass is only 30", {"rom.modes": 200}),
+    ("rom.modes", "200 modes are requested, but the degrees of freedom with mass allow only 30", {"rom.modes": 200}),
     ("loads", "above the limit of 1e+50", {"loads.tip.signal.amplitude": 1e300}),
     ("train.time_step", "1 times the time step", {"train.duration": 1e-3}),
     ("place.keep", "8, but screen.keep limits the candidates to 4", {"place.keep": 8, "screen.keep": 4}),
@@ -76,7 +76,7 @@ BENCHES = [
     ("estimate.sensors.gauges.noise", "reading due to one initial σ of an unknown", {"estimate.inputs.side.std": 1e30}),
     ("estimate.inputs.down", "no sensor measures this unknown", {"estimate.sensors.gauges.noise": 1e6}),
     ("forces.side.signal", "exceeds the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
-    ("bodies.beam", "the requested number of modes is 500, but the body has only", {"bodies.beam.modes": 500}),
+    ("bodies.beam", "500 modes are requested, but the body has only", {"bodies.beam.modes": 500}),
 ]
 
 

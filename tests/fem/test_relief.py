@@ -72,7 +72,7 @@ def test_few_masses_on_a_massless_body_vibrate_against_each_other():
     found, shapes = modes(K, M, 1, rigid=np.ones((n, 1)))
     assert 2 * np.pi * found[0] == pytest.approx(np.sqrt(k * (1 / m1 + 1 / m2)), rel=1e-9)
     assert m1 * shapes[0, 0] + m2 * shapes[-1, 0] == pytest.approx(0.0, abs=1e-9)
-    with pytest.raises(UserError, match="number of unknowns with mass is only 1 in addition to the rigid-body modes"):
+    with pytest.raises(UserError, match="degrees of freedom with mass allow only 1 in addition to the rigid-body modes"):
         modes(K, M, 2, rigid=np.ones((n, 1)))
 
 

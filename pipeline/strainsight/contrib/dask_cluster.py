@@ -130,9 +130,9 @@ def _require_workers(client: Any, address: str) -> None:
 def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str, str | None] | None = None) -> None:
     """Raise UserError if a package has another version there."""
     other = [
-        f"{name} {_format_version(theirs.get(name))} ({_format_version(version)} on this computer)"
-        for name, version in (ours or versions()).items()
-        if theirs.get(name) != version
+        f"{package} {_format_version(remote)} ({_format_version(local)} on this computer)"
+        for package, local in (ours or versions()).items()
+        if (remote := theirs.get(package)) != local
     ]
     if other:
         raise UserError(

@@ -55,7 +55,7 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
     and UserError for parameters that overlap or name no region, or where the memory is insufficient."""
     check_mesh(mesh)
     pairs = sum(len(block.ids) * block.nodes.shape[1] * (block.nodes.shape[1] + 1) // 2 for block in mesh.blocks)
-    require_memory(PAIR_BYTES * pairs, f"the stiffness matrix of {len(mesh.position)} nodes")
+    require_memory(PAIR_BYTES * pairs, f"the stiffness matrix of a mesh with {len(mesh.position)} nodes")
 
     @cache
     def pattern(regions: frozenset[int]) -> Pattern:

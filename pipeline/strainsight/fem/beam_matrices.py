@@ -108,7 +108,7 @@ def rod_stiffnesses(
         torsion >= 0,
         torsion,
         ids,
-        "has the torsion constant J {value:g} m⁴",
+        "element {element} has the torsion constant J {value:g} m⁴",
         "Specify a torsion constant J ≥ 0 in the beam property.",
     )
     along = np.stack([area / length, torsion / (2 * (1 + poisson_ratio) * length)], axis=1)
@@ -156,7 +156,7 @@ def _directions(ends: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Unit vectors (e, 3) from A to B and lengths (e,) [m] of ends (e, 2, 3). Raises DeckError where a length is zero."""
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
-    what = "has the length {value:g} m from end A to end B"
+    what = "element {element} has the length {value:g} m from end A to end B"
     remedy = "Correct its two end nodes or its offsets. If the nodes must coincide, replace the beam by an RBE2."
     require(length > 1e-12 * np.abs(ends).max(axis=(1, 2)), length, ids, what, remedy)
     return along / length[:, None], length
@@ -165,7 +165,7 @@ def _directions(ends: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _lengths(position: np.ndarray, axes: np.ndarray, offset: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """Lengths (e,) [m] of beams. Raises DeckError where one is zero, and where the orientation left no axes (not a number)."""
     x, length = _directions(position + offset, ids)
-    what = "has an orientation vector parallel to the beam axis: its bending plane 1 is undefined"
+    what = "element {element} has an orientation vector parallel to the beam axis: its bending plane 1 is undefined"
     remedy = "Specify an orientation vector or node that does not lie on the line from end A to end B."
     require(np.isfinite(axes).all(axis=(1, 2)), length, ids, what, remedy)
     assert np.allclose(axes.swapaxes(1, 2) @ axes, np.eye(3), atol=1e-9)
@@ -268,5 +268,5 @@ def _check_forward(position: np.ndarray, axes: np.ndarray, ids: np.ndarray) -> N
     """Raises DeckError where a beam turns back: the node between is too near an end."""
     _, slope = beam_shape(ALONG)
     forward = np.einsum("qk,ekc,ec->eq", slope, position, axes[:, :, 0]).min(axis=1)
-    what = "folds back on itself: dx/dξ is {value:.3g} m, not positive (x along the beam, ξ element coordinate)"
+    what = "element {element} folds back on itself: dx/dξ is {value:.3g} m, not positive (x along the beam, ξ element coordinate)"
     require(forward > 0, forward, ids, what, "Move its middle node to the midpoint between its two end nodes.")

@@ -63,18 +63,20 @@ def check_properties(properties: BeamProperties, ids: np.ndarray) -> None:
             value >= 0,
             value,
             ids,
-            f"has the {name} {{value:g}} {unit}".rstrip(),
+            f"element {{element}} has the {name} {{value:g}} {unit}".rstrip(),
             f"Specify a {name} ≥ 0 in the beam property.",
         )
     excess = I12**2 - I1 * I2 * (1 + 1e-12)
     what, remedy = (
-        "has I12² > I1 I2 (difference {value:.3g} m⁸)",
+        "element {element} has I12² > I1 I2 (difference {value:.3g} m⁸)",
         "Correct I1, I2 or I12 of the beam property: I12² cannot exceed I1 I2.",
     )
     require(excess <= 0, excess, ids, what, remedy)
     ends = np.concatenate([bending_axes(properties.second)[1], _shares(properties.torsion)[:, None]], axis=1)
     least = ends.min(axis=(1, 2))
-    what = "has bending or torsional stiffness at one end only (stiffness of the other end: {value:.3g} times the mean of both)"
+    what = (
+        "element {element} has bending or torsional stiffness at one end only (other end: {value:.3g} times the mean)"
+    )
     require(
         least > ONE_END, least, ids, what, "Specify I1, I2 and J of the beam property at both ends, or at neither end."
     )
@@ -82,7 +84,13 @@ def check_properties(properties: BeamProperties, ids: np.ndarray) -> None:
 
 def require_area(area: np.ndarray, ids: np.ndarray) -> None:
     """Raises DeckError where an area (e, …) is not positive."""
-    require(area > 0, area, ids, "has the area {value:g} m²", "Specify a positive area in the beam property.")
+    require(
+        area > 0,
+        area,
+        ids,
+        "element {element} has the area {value:g} m²",
+        "Specify a positive area in the beam property.",
+    )
 
 
 def require(right: np.ndarray, value: np.ndarray, ids: np.ndarray, what: str, remedy: str) -> None:
@@ -90,7 +98,7 @@ def require(right: np.ndarray, value: np.ndarray, ids: np.ndarray, what: str, re
     if not right.all():
         at = tuple(np.argwhere(~right)[0])
         raise DeckError(
-            f"element {ids[at[0]]} {what.format(value=value[at])}", remedy=remedy, entity=("element", int(ids[at[0]]))
+            what.format(element=ids[at[0]], value=value[at]), remedy=remedy, entity=("element", int(ids[at[0]]))
         )
 
 

@@ -54,8 +54,8 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
             break
         if degree > MOST:
             raise UserError(
-                f"a polynomial of degree {MOST} does not represent the stiffness matrix over the range of {' and '.join(names)}",
-                remedy=f"Reduce the width of {' or '.join(f'parameters.{name}.range' for name in names)}.",
+                f"a polynomial of degree {MOST} cannot represent the stiffness over the parameter range of {', '.join(names)}",
+                remedy=f"Reduce the width of the range: {' or '.join(f'parameters.{name}.range' for name in names)}.",
             )
         for index in candidates:
             theta = {axis.name: axis.theta(k) for axis, k in zip(axes, index, strict=True)}
@@ -142,14 +142,14 @@ class _Axis:
     vanishes with k. points are Leja points: the reference, then each time the maximum of the product of distances."""
 
     def __init__(self, parameter: Parameter):
-        assert parameter.range is not None, f"parameter {parameter.name} has no range"
+        assert parameter.range is not None
         self.name, self.reference = parameter.name, parameter.reference
         self.logarithm = parameter.property in ("youngs_modulus", *PLY_MODULI)
         low, high = self.range = (
             min(parameter.range[0], parameter.reference),
             max(parameter.range[1], parameter.reference),
         )
-        assert low < high, f"the range of parameter {parameter.name} is empty"
+        assert low < high
         self.ends = self._x((1 - BEYOND) * low), self._x((1 + BEYOND) * high)
         low, high = self.ends
         self.scale = (high - low) / 4

@@ -87,8 +87,7 @@ def check_materials(mesh: Mesh) -> None:
     present = {int(number) for block in mesh.elements for number in np.unique(block.region)}
     for region in (mesh.regions[number] for number in sorted(present)):
         if (laminate := mesh.laminate(region.id)) is not None:
-            remedy = "Add the material to the deck (MAT8, MAT1)."
-            _check_layers(mesh, f"a ply of {region}", " m", laminate.plies, mesh.ply_materials(region.id), remedy)
+            _check_layers(mesh, f"a ply of {region}", laminate.plies, mesh.ply_materials(region.id))
         elif (shell := mesh.general_shell(region.id)) is not None:
             _check_general(shell, region)
         elif (anisotropic := mesh.anisotropic_of(region.id)) is not None:
@@ -136,8 +135,7 @@ def _check_composite(mesh: Mesh, region: Region) -> None:
         raise DeckError(
             f"{region} is a composite solid without layers", remedy="Specify at least one layer in its section."
         )
-    remedy = "Add this material (isotropic or anisotropic) to the deck."
-    _check_layers(mesh, f"a layer of {region}", "", composite.layers, mesh.layer_materials(region.id), remedy)
+    _check_layers(mesh, f"a layer of {region}", composite.layers, mesh.layer_materials(region.id))
 
 
 def _check_anisotropic(mesh: Mesh, material: Anisotropic, region: Region) -> None:
@@ -159,22 +157,18 @@ def _check_stiffness(material: Anisotropic) -> None:
 def _check_layers(
     mesh: Mesh,
     name: str,
-    unit: str,
     layers: Sequence[Layer | Ply],
     materials: Sequence[Anisotropic | Lamina | Material | None],
-    remedy: str,
 ) -> None:
-    """Every layer has a thickness [unit] and a material; remedy: where its material is missing."""
+    """Raise DeckError unless every layer has a thickness and a material."""
     for layer, material in zip(layers, materials, strict=True):
         if not (layer.thickness > 0 and np.isfinite(layer.thickness)):
-            raise DeckError(
-                f"{name} has the thickness {layer.thickness:g}{unit}", remedy="Specify a positive thickness."
-            )
+            raise DeckError(f"{name} has the thickness {layer.thickness:g}", remedy="Specify a positive thickness.")
         if material is None:
             raise DeckError(
                 f"{name} refers to material {layer.material}, which does not exist",
                 where=mesh.source or None,
-                remedy=remedy,
+                remedy=f"Add material {layer.material} to the deck.",
             )
         if isinstance(material, Anisotropic):
             _check_stiffness(material)
@@ -197,15 +191,17 @@ def _check_lamina(lamina: Lamina) -> None:
     _check_density(lamina, lamina.density)
 
 
-def _check_material(m: Material) -> None:
-    if not (m.youngs_modulus > 0 and np.isfinite(m.youngs_modulus)):
-        raise DeckError(f"{m} has Young's modulus {m.youngs_modulus:g} Pa", remedy="Specify a positive modulus.")
-    if not -1 < m.poisson_ratio < 0.5:
+def _check_material(material: Material) -> None:
+    if not (material.youngs_modulus > 0 and np.isfinite(material.youngs_modulus)):
         raise DeckError(
-            f"{m} has Poisson's ratio {m.poisson_ratio:g}",
+            f"{material} has Young's modulus {material.youngs_modulus:g} Pa", remedy="Specify a positive modulus."
+        )
+    if not -1 < material.poisson_ratio < 0.5:
+        raise DeckError(
+            f"{material} has Poisson's ratio {material.poisson_ratio:g}",
             remedy="Specify a Poisson's ratio between -1 and 0.5, in practice at most 0.49.",
         )
-    _check_density(m, m.density)
+    _check_density(material, material.density)
 
 
 def _check_density(owner: object, density: float) -> None:

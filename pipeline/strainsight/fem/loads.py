@@ -139,10 +139,10 @@ def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray
     )
     shortfall = np.linalg.norm(exerted - moment) / np.linalg.norm(moment)
     if shortfall > 1e-6 or not np.any(constraint.transform.T @ e):
-        where = f"node {load.node_id}" if load.node_id is not None else f"set {load.node_set!r}"
+        where = f"node {load.node_id}" if load.node_id is not None else f"node set {load.node_set!r}"
         raise UserError(
             f"load {load.name}: {100 * shortfall:.3g} % of the moment cannot be applied to {where}",
-            remedy="Apply the moment to the reference node of an RBE2 or RBE3, or to a set of movable nodes not on one line.",
+            remedy="Apply the moment to the reference node of an RBE2 or RBE3, or to a node set with free nodes not on one line.",
         )
     return e
 
@@ -159,14 +159,14 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
         return body_forces(mesh, BodyForce(rotation=_unit(load.name, axis), centre=np.asarray(point, dtype=float)))
     if sum(place is not None for place in (load.node_id, load.node_set, load.deck_load)) != 1:
         raise UserError(
-            f"load {load.name} must act on a node, on a set or as a load of the deck",
+            f"load {load.name} must act on a node or on a node set, or be a load of the deck",
             remedy="Specify exactly one of `node`, `set` and `deck_load` in the load.",
         )
     if load.deck_load is not None:
         return _deck_load(mesh, load)
     face = str(load.node_set) if load.node_set in mesh.faces else None
     if (load.pressure or load.bearing is not None) and face is None:
-        where = f"node {load.node_id}" if load.node_id is not None else f"set {load.node_set!r}"
+        where = f"node {load.node_id}" if load.node_id is not None else f"node set {load.node_set!r}"
         raise UserError(
             f"load {load.name} is a pressure or bearing load on {where}, which has no area",
             remedy="Set `set` to the name of a face in mesh.faces.",

@@ -155,12 +155,12 @@ def modes(
     if not 1 <= count <= massive:
         suffix = "" if relief is None else " in addition to the rigid-body modes"
         raise UserError(
-            f"the requested number of modes is {count}, but the number of degrees of freedom with mass is only {massive}{suffix}",
+            f"{count} modes are requested, but the degrees of freedom with mass allow only {massive}{suffix}",
             remedy=f"Request 1 to {massive} modes.",
         )
     if shift > 0 or (shift and relief is not None):
         raise ValueError(
-            f"the eigenvalue shift is {shift:g}; it must be ≤ 0, and 0 if rigid-body modes (`rigid`) are specified"
+            f"the eigenvalue shift is {shift:g}, but must be ≤ 0, or 0 if the argument `rigid` (rigid-body modes) is passed"
         )
     A = K if shift == 0 else sparse.csr_array(K - shift * M)
     inverse, shapes = _lowest_modes(A, M, count, factor, relief, by, near)
@@ -189,7 +189,7 @@ def _lowest_modes(
     while True:
         wanted = min(count + guard, massive)
         if n <= DENSE_LIMIT or _basis(wanted) > n:
-            require_memory(8.0 * n * (4 * n + wanted), f"{count} modes of a model with {n} degrees of freedom")
+            require_memory(8.0 * n * (4 * n + wanted), f"computing {count} modes with {n} degrees of freedom")
             if relief is None:
                 inverse, shapes = _dense_modes(A.toarray(), M.toarray(), count, wanted)
             else:
@@ -234,7 +234,7 @@ def _condensed_modes(
     """Few massive degrees of freedom: φ = Z y of the responses Z to a unit force on each, ZᵀMZ y = (1/λ) ZᵀAZ y; for a
     free structure to self-equilibrated forces on them."""
     n, massive = A.shape[0], np.flatnonzero(M.diagonal() > 0)
-    require_memory(8.0 * n * (3 * len(massive) + wanted), f"{count} modes of a model with {n} degrees of freedom")
+    require_memory(8.0 * n * (3 * len(massive) + wanted), f"computing {count} modes with {n} degrees of freedom")
     forces = np.zeros((n, len(massive)))
     forces[massive, np.arange(len(massive))] = 1.0
     if relief is not None:
@@ -257,7 +257,7 @@ def _lanczos(
     the complement of the modes found, x ← (I − Φ ΦᵀM) x, until they find no mode lower than the last. A search to the accuracy
     `ROUGHLY`, |error| ≤ `ROUGHLY`/λ, usually decides this for a third of the solutions."""
     n = A.shape[0]
-    require_memory(8.0 * n * (_basis(wanted) + 3 * wanted), f"{count} modes of a model with {n} degrees of freedom")
+    require_memory(8.0 * n * (_basis(wanted) + 3 * wanted), f"computing {count} modes with {n} degrees of freedom")
     inverse, shapes = _complement_modes(A, M, wanted, factor, np.zeros((n, 0)))
     while True:
         if factor.lowest is not None:
@@ -283,7 +283,7 @@ def _block_modes(
         return None
     n, width = A.shape[0], 1 if near is None or near.shape[1] < count + EXTRA else count + EXTRA
     most = 3 * (count + EXTRA) + 30 if width == 1 else 12 * (count + EXTRA)
-    require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"{count} modes of a model with {n} degrees of freedom")
+    require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"computing {count} modes with {n} degrees of freedom")
     try:
         if near is None or width == 1:
             start = factor.solve(M @ np.random.default_rng(0).standard_normal((n, 1)))

@@ -274,7 +274,7 @@ def surface_model(
         region = mesh.regions[int(rows.region[rows.laws.facet[np.argmax(without_stress)]])]
         raise DeckError(
             f"{region} has different materials for membrane and bending, or membrane-bending coupling: stress cannot be "
-            "computed from surface strain there",
+            "computed from surface strain in this region",
             remedy="Assign one material (MID1 = MID2, no MID4) or plies (PCOMP), or request no stress and damage in this region.",
         )
     materials = [mesh.material_of(int(number)) for number in numbers]
@@ -305,11 +305,7 @@ def surface_state(
     covariance P (r + k, r + k) of q and the k parameters named by free, these in SI units: derivatives by p = ln θ are θ times
     those by θ. Where σ_v is zero it has no derivative; there √tr(VP_σ), the root mean square of σ_v = √(σᵀVσ), is used."""
     r = model.strain.shape[2]
-    if covariance is not None and np.shape(covariance) != (r + len(free),) * 2:
-        raise ValueError(
-            f"the covariance has the shape {np.shape(covariance)}, not {(r + len(free),) * 2}: {r} reduced coordinates "
-            f"and {len(free)} free parameters"
-        )
+    assert covariance is None or np.shape(covariance) == (r + len(free),) * 2
     B = np.asarray(model.strain + model.change.at(theta))
     strain = (B.reshape(-1, r) @ q).reshape(-1, 6)
     E = np.asarray(model.modulus.at(theta))

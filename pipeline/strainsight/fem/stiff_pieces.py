@@ -158,10 +158,10 @@ def hinge_warnings(mesh: Mesh) -> tuple[str, ...]:
     words = [_node_names(mesh, np.unique(node[pair_of_node.ravel() == i])) for i in free[:SHOWN]]
     if not words:
         return ()
-    more = f" and nodes at further places (number: {len(free) - SHOWN})" if len(free) > SHOWN else ""
+    more = f" (number of further hinges: {len(free) - SHOWN})" if len(free) > SHOWN else ""
     return (
         f"parts of the mesh share only {'; '.join(words)}{more} and are hinged there. If no hinge is intended, let the parts "
-        'share facets or tie them (docs/decks.md, "Where a shell meets a solid").',
+        'share element faces or tie them (docs/decks.md, "Where a shell meets a solid").',
     )
 
 

@@ -208,7 +208,7 @@ def _kind_of_tie(mesh: Mesh, constraint: Constraint, row: int) -> str:
     node = owner.get(row, row // 3)
     if node in {*mesh.turned_by_springs.tolist()} - leads:
         return " of a spring"
-    return " of a rigid element" if node in leads else " of a relation (MPC)"
+    return " of a rigid element" if node in leads else " of a constraint equation (MPC)"
 
 
 def _spring_elongations(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:

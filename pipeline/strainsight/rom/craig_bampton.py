@@ -132,7 +132,7 @@ def floating_basis(body: CraigBampton, node: int) -> CraigBampton:
     if fixed:
         raise UserError(
             f"the floating frame of the body is already fixed to node {fixed[0]}",
-            remedy="Fix the frame to only one node.",
+            remedy="Fix the floating frame to only one node.",
         )
     remaining = np.flatnonzero(~is_fixed)
     square = np.ix_(remaining, remaining)

@@ -25,24 +25,35 @@ class InertiaInvariants:
     floating frame: p = x + Φη."""
 
     mass: Annotated[float, Column("kg", "", "mass of the body ∫ρ dV")]
-    first: Annotated[np.ndarray, Column("kg m", "3", "first moment of mass ∫ρ x dV about the origin of the body frame")]
+    first: Annotated[
+        np.ndarray, Column("kg m", "3", "first moment of mass ∫ρ x dV about the origin of the body frame, in body axes")
+    ]
     first_modal: Annotated[
         np.ndarray,
-        Column("kg per unit", "3 × coordinate", f"∫ρ Φ dV, Φ: shapes {PER_UNIT}"),
+        Column(
+            "kg per unit",
+            "3 × coordinate",
+            f"first moment of mass of the deformation ∫ρ Φ dV in body axes, Φ: shapes {PER_UNIT}",
+        ),
     ]
     second: Annotated[
-        np.ndarray, Column("kg m^2", "3 × 3", "second moment of mass ∫ρ x xᵀ dV about the origin of the body frame")
+        np.ndarray,
+        Column("kg m^2", "3 × 3", "second moment of mass ∫ρ x xᵀ dV about the origin of the body frame, in body axes"),
     ]
     second_modal: Annotated[
         np.ndarray,
-        Column("kg m per unit", "coordinate × 3 × 3", f"∫ρ (x φᵀ + φ xᵀ) dV, φ: shape {PER_UNIT}"),
+        Column(
+            "kg m per unit",
+            "coordinate × 3 × 3",
+            f"linear change ∫ρ (x φᵀ + φ xᵀ) dV of the second moment of mass in body axes, φ: shape {PER_UNIT}",
+        ),
     ]
     second_modal2: Annotated[
         np.ndarray,
         Column(
             "kg per unit^2",
             "coordinate × coordinate × 3 × 3",
-            f"∫ρ φ_k φ_lᵀ dV, φ_k and φ_l: shapes {PER_UNIT}",
+            f"quadratic change ∫ρ φ_k φ_lᵀ dV of the second moment of mass in body axes, φ_k and φ_l: shapes {PER_UNIT}",
         ),
     ]
     coupling: Annotated[
@@ -50,7 +61,7 @@ class InertiaInvariants:
         Column(
             "kg m per unit",
             "3 × 3 × coordinate",
-            f"inertia coupling ∫ρ x_j Φ dV of frame rotation and deformation, Φ: shapes {PER_UNIT}",
+            f"inertia coupling ∫ρ x_j Φ dV of body rotation and deformation (j: body axis), Φ: shapes {PER_UNIT}",
         ),
     ]
     coupling_modal: Annotated[
@@ -58,7 +69,7 @@ class InertiaInvariants:
         Column(
             "kg per unit^2",
             "coordinate × 3 × 3 × coordinate",
-            f"inertia coupling ∫ρ φ_kj Φ dV of the shapes φ_k and Φ {PER_UNIT}",
+            f"change ∫ρ φ_kj Φ dV of the inertia coupling with coordinate k (j: body axis), φ_k and Φ: shapes {PER_UNIT}",
         ),
     ]
     modal: Annotated[

@@ -325,7 +325,7 @@ def _modal_coordinates(
             inverse, Y = eigh(M, K)
             if inverse[0] <= 0:
                 raise InfeasibleError(
-                    f"the static response to a load moves no mass (modal mass/stiffness = {inverse[0]:.1e} s²)",
+                    f"the static response to a load moves only parts without mass (modal mass/stiffness = {inverse[0]:.1e} s²)",
                     remedy="Specify the density of every region.",
                 )
             Y = Y[:, ::-1] / np.sqrt(inverse[::-1])

@@ -105,7 +105,7 @@ GROUPS = {
     # text, regions of the two solids, sets, names of regions, note
     "an entity in two volumes is in both sets and the lower region": (
         NEW.replace("2 0 0 0 1 1 1 1 9 0", "2 0 0 0 1 1 1 2 9 -3 0"), [9, 3], {"3d-3": [8], "steel part": [6, 8]},
-        {3: "volume 3", 9: "steel part"}, "1 element in several physical volumes (3, 9)",
+        {3: "volume 3", 9: "steel part"}, "elements in several physical volumes (1 in total, for example in 3, 9)",
     ),
     "an element that format 2 repeats for its second group counts once": (
         REPEATED, [3, 9], {"3d-3": [9], "steel part": [6, 9]}, {3: "volume 3", 9: "steel part"}, "element 8 repeats element 9",
@@ -115,7 +115,7 @@ GROUPS = {
     ),
     "elements outside all volumes are a region of their own": (
         OLD.replace("4 2 9 2", "4 2 0 2"), [10, 9], {"steel part": [6]}, {9: "steel part", 10: "no physical volume"},
-        "1 element in no physical volume: assigned to region 10",
+        "elements in no physical volume (1 in total) are assigned to region 10",
     ),
 }  # fmt: skip
 
@@ -179,5 +179,5 @@ def test_binary_counts_beyond_the_file_are_refused(read):
     content = (DATA / "pin-4.1-binary.msh").read_bytes()
     at = content.index(b"$Nodes\n") + len(b"$Nodes\n") + 4 * 8 + 3 * 4
     for claimed in (2**40, 2**62, 2**64 - 1):
-        with pytest.raises(DeckError, match=r"\$Nodes: .*(expected|exceeds|more numbers)"):
+        with pytest.raises(DeckError, match=r"\$Nodes: .*(expected|exceeds|more entries)"):
             read(content[:at] + struct.pack("<Q", claimed) + content[at + 8 :])

@@ -68,7 +68,7 @@ def test_left_handed_solids_are_corrected(read, kind):
     np.testing.assert_allclose(at, centre * [1, 1, -1], atol=1e-12)
     assert right.notes == ()
     (note,) = left.notes
-    assert note.startswith("1 solid element of 1 had a left-handed node order in the deck; corrected: C")
+    assert note.startswith("1 of 1 solid elements had a left-handed node order in the deck, which is corrected: C")
 
 
 def test_only_left_handed_solids_are_corrected(read, tetrahedron):
@@ -76,7 +76,7 @@ def test_only_left_handed_solids_are_corrected(read, tetrahedron):
     assert mesh.blocks[0].nodes[0].tolist() == [0, 1, 2, 3]
     x = mesh.position[mesh.blocks[0].nodes]
     assert (np.linalg.det(x[:, 1:] - x[:, :1]) > 0).all()
-    assert "1 solid element of 2 had a left-handed node order in the deck; corrected: CTETRA 5 (first at " in mesh.notes[-1]
+    assert "1 of 2 solid elements had a left-handed node order in the deck, which is corrected: CTETRA 5 " in mesh.notes[-1]
 
 
 @pytest.mark.parametrize("form", ["PARAM,WTMASS,.5", "  param, wtmass, .5", "PARAM WTMASS = .5"])
@@ -96,7 +96,7 @@ test_errors_have_file_and_line = refusal_table(TETRAHEDRON.replace, [
     ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,5", "node 5 is not in the deck", 5),
     ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,3", "has the same node twice", 5),
     ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3", "the element has 3 nodes, but a CTETRA needs", 5),
-    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,2,1,2,3,4", r"property 2 is not a PSOLID of the deck \(1 tet4 element\)", 5),
+    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,2,1,2,3,4", r"property 2 is not a PSOLID of the deck \(1 tet4 elements without PS", 5),
     ("CTETRA,10,1,1,2,3,4", "CPYRA,10,1,1,2,3,4,1", "CPYRA solids are not supported", 5),
     ("CTETRA,10,1,1,2,3,4", "CPYRAM,10,1,1,2,3,4,1,2\n,3,4,1,2,3,4,1", "the element has 13 nodes, but a CPYRAM needs", 5),
     ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,10,1,2,1,3,4", "element id 10 is used twice", 6),

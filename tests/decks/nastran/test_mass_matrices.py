@@ -105,7 +105,7 @@ def test_cmass_on_rotation_is_moment_of_inertia(read, tetrahedron):
 
 
 test_masses_that_cannot_be_taken_are_named = refusal_table(lambda card: f"{TETRAHEDRON}{card}\n", [
-    ("CMASS2,91,2.5,4,2,3,1", "the mass acts on 2 components: only a mass on exactly one component"),
+    ("CMASS2,91,2.5,4,2,3,1", "the mass acts on 2 components, but only a mass on exactly one component"),
     ("CMASS2,91,2.5,4,7", "component 7"),
     ("CMASS2,91,-2.5,4,1", "the mass matrix is not positive semidefinite"),
     ("CMASS1,91,5,4,1", "property 5 is not a PMASS of the deck"),

@@ -193,8 +193,8 @@ test_relations_that_cannot_be_taken_are_named = refusal_table(
     ("", "MPC,3,4,7,1.", "component 7", 10),
     ("", "MPC,3,4,1,1.,2,3,-1.,3\n,,2,1,.1", "found '3' in field 9, which must be blank", 10),
     ("", "MPC,3,4,1,1.\nMPC,5,4,2,1.", r"the deck has 2 MPC sets \(3, 5\), but no case control", 11),
-    ("", "MPC,3,4,1,1.\nMPCADD,5,3,6", "set 6 has no MPC", 11),
-    ("MPC = 4\n", "MPC,3,4,1,1.", "MPC = 4 selects a set that is not in the deck", 1),
+    ("", "MPC,3,4,1,1.\nMPCADD,5,3,6", "MPCADD refers to set 6, which has no MPC card", 11),
+    ("MPC = 4\n", "MPC,3,4,1,1.", "MPC = 4 selects an MPC set that is not in the deck", 1),
     ("SUBCASE 1\nMPC = 3\nSUBCASE 2\nMPC = 5\n", "MPC,3,4,1,1.\nMPC,5,4,2,1.", "different MPC sets .3, 5.", 4),
 ])
 

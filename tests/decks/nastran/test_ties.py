@@ -66,14 +66,14 @@ def test_config_selects_support_set(read, tetrahedron):
     assert pairs(read(f"SPC = 44\nBEGIN BULK\n{bulk}", spc=2)) == {(3, 2)}
     with pytest.raises(DeckError, match="support set 7") as caught:
         read(bulk, spc=7)
-    assert caught.value.remedy == "select one of the sets 1, 2, 3, 9"
+    assert caught.value.remedy == "select one of the SPC sets 1, 2, 3, 9"
 
 
 test_supports_that_cannot_be_taken_are_named = refusal_table(lambda head, cards: f"{head}{TETRAHEDRON}{cards}\nENDDATA\n", [
     ("", "SPC1,2,3,4", r"the deck has 2 support sets \(1, 2\), and the case control selects none"),
-    ("SPC = 5\nBEGIN BULK\n", "", "SPC = 5 selects a set that is not in the deck"),
+    ("SPC = 5\nBEGIN BULK\n", "", "SPC = 5 selects an SPC set that is not in the deck"),
     ("SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 2\nBEGIN BULK\n", "SPC1,2,3,4", "different support sets"),
-    ("", "SPCADD,9,1,2", "set 2 has no SPC"),
+    ("", "SPCADD,9,1,2", "SPCADD refers to set 2, which has no SPC or SPC1 card"),
     ("", "SPC1,1,123,9", "node 9 is not in the deck"),
     ("", "SPC1,1,127,4", "components '127'"),
     ("", "SPC1,1,123,4,THRU,2", "is decreasing"),
@@ -126,7 +126,7 @@ test_ties_masses_and_sets_that_cannot_be_taken_are_named = refusal_table(
     ("RBE3,98,,50,123,1.,123456,1,2", "rotations of node 1 are averaged, but the node has no rotations"),
     ("RBE3,98,,50,123,-1.,123,1,2", "positive weight"),
     ("RBE3,98,,50,123,1.,123,1,1", "a component is averaged twice"),
-    ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", r"the UM set has 1 different component, but REFC has 3"),
+    ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", r"the UM set has 1 different components, but REFC has 3"),
     ("CONM2,90,4,,-3.", "mass is -3"),
     ("SET1,5,1,2,77", "node 77 is not in the deck"),
 ], placed=False)

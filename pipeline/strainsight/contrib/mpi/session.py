@@ -49,7 +49,7 @@ LACKING = (
 folder."""
 LIMIT = 60.0
 """[s] for an interpreter to report its missing packages."""
-WHERE = "apt install python3-slepc4py, or pip install 'strainsight[mpi]'"
+WHERE = "install SLEPc: apt install python3-slepc4py, or pip install 'strainsight[mpi]'"
 
 
 @dataclass(frozen=True)
@@ -122,11 +122,11 @@ def _lacking(programs: Programs) -> str:
             timeout=LIMIT,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return f"does not run ({error})"
+        return f"the interpreter does not run ({error})"
     return (
         ", ".join(f"no {package}" for package in process.stdout.split())
         if process.returncode == 0
-        else f"does not run (exit code {process.returncode})"
+        else f"the interpreter does not run (exit code {process.returncode})"
     )
 
 
@@ -157,7 +157,7 @@ class OverMpi:
         scale = diagonal_scaling(A)
         session = _Session(programs())
         try:
-            hello = session.start()
+            mpi = session.start()
             session.matrix("A", scaled_upper(A, scale))
             memory = available_memory()
             answer = session.ask("factorise", memory=0 if np.isinf(memory) else memory)
@@ -165,8 +165,8 @@ class OverMpi:
             session.close()
             raise
         self.say(
-            f"SLEPc {hello['slepc']} with MUMPS in {hello['processes']} processes: factorising {A.shape[0]} degrees "
-            f"of freedom used {answer['memory'] * 1e6 / GIB:.3g} GiB of memory"
+            f"SLEPc {mpi['slepc']} with MUMPS in {mpi['processes']} processes: the factorisation with {A.shape[0]} "
+            f"degrees of freedom used {answer['memory'] * 1e6 / GIB:.3g} GiB of memory"
         )
         return _factor(session, scale)
 
@@ -184,7 +184,7 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
     ) -> tuple[np.ndarray, np.ndarray]:
         if not mass or mass[0] is not M:
             if mass:
-                raise ValueError("the mass matrix differs from that of the first call; factorise the stiffness again")
+                raise ValueError("modes with another mass matrix require a new factorisation of the stiffness matrix")
             session.matrix("M", scaled_upper(M, scale))
             mass.append(M)
         first, into = session.array((start / scale)[:, None]), session.room(count, len(start))
@@ -217,19 +217,19 @@ class _Session:
         command = [*self.programs.launcher, self.programs.python, str(WORKER)]
         self.process.stdin.write(json.dumps([command, dict(self.programs.environment)]).encode() + b"\n")
         self.process.stdin.flush()
-        hello = self._wait("hello.json", START_LIMIT)
-        if hello["launched"] != hello["processes"]:
+        mpi = self._wait("hello.json", START_LIMIT)
+        if mpi["launched"] != mpi["processes"]:
             raise UserError(
-                f"`{' '.join(self.programs.launcher)}` starts {hello['launched']} processes that are not connected by MPI",
+                f"`{' '.join(self.programs.launcher)}` starts {mpi['launched']} processes that are not connected by MPI",
                 key="solver",
                 remedy=f"use the launcher of the MPI that petsc4py was built with: export {LAUNCHER}=…",
             )
         remedy = ""
-        if hello["complex"]:
-            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "use a PETSc build for real numbers"
-        elif not hello["mumps"]:
+        if mpi["complex"]:
+            what, remedy = f"PETSc {mpi['petsc']} is built for complex numbers", "use a PETSc build for real numbers"
+        elif not mpi["mumps"]:
             what, remedy = (
-                f"PETSc {hello['petsc']} is built without MUMPS",
+                f"PETSc {mpi['petsc']} is built without MUMPS",
                 "build PETSc with --download-mumps --download-scalapack",
             )
         if remedy:
@@ -237,7 +237,7 @@ class _Session:
                 what, key="solver", remedy=f"{remedy}; or select another interpreter: export {PYTHON}=/path/to/python"
             )
         self.started = True
-        return hello
+        return mpi
 
     def matrix(self, name: str, upper: sparse.csr_array) -> None:
         """Write a matrix for the processes."""

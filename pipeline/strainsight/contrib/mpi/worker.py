@@ -249,9 +249,10 @@ def main() -> None:
     except BaseException as error:
         # The other processes wait for this one: the launcher ends them with it.
         kind = "indices" if isinstance(error, OverflowError) else "failed"
+        answer = {"refused": kind, "text": f"{type(error).__name__}: {error}"}
         if isinstance(error, MemoryError) or getattr(error, "ierr", None) == PETSC_ERR_MEM:
-            kind = "memory"
-        say("failure.json", {"refused": kind, "text": f"{type(error).__name__}: {error}"})
+            answer["refused"] = "memory"
+        say("failure.json", answer)
         traceback.print_exc()
         sys.stderr.flush()
         os._exit(1)

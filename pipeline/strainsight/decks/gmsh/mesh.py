@@ -70,9 +70,9 @@ def note_doubled(doubled: Doubled) -> list[str]:
     if not count:
         return []
     return [
-        f"the file contains {plural(count, 'repeated element')} (element {doubled.dropped[0]} repeats element "
-        f"{doubled.remaining[0]}), because geometric volumes belong to several physical volumes. Each element is imported once: "
-        "in the region of the physical volume with the lowest tag, and in the sets of all its physical volumes"
+        f"the file repeats elements ({count} in total; element {doubled.dropped[0]} repeats element {doubled.remaining[0]}), "
+        "because geometric volumes belong to several physical volumes. Each element is imported once: in the region of the "
+        "physical volume with the lowest tag, and in the element sets of all its physical volumes"
     ]
 
 
@@ -139,7 +139,9 @@ def thin_cells(
         (first, section), *others = (chosen[dimension, tag] for tag in tags)
         if other := next((region for region, another in others if another is not section), None):
             what = f"element {element} is in {first} and in {other}, which have different sections"
-            remedy = "assign a section to only one of the two groups (mesh.sections), or define groups without common elements"
+            remedy = (
+                "assign a section to only one of the two physical groups (mesh.sections), or define disjoint groups"
+            )
             raise entity_error("element", element, what, remedy, file.where)
     if several:
         notes.append(
@@ -259,7 +261,7 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     spare = tags[-1] + 1 if tags else 1
     if outside and tags:
         regions[spare] = Region(spare, "no physical volume", 0)
-        notes.append(f"{plural(outside, 'element')} in no physical volume: assigned to region {spare}")
+        notes.append(f"elements in no physical volume ({outside} in total) are assigned to region {spare}")
     elif outside:
         regions[spare] = Region(spare, "solids", 0)
         notes.append("the file has no physical volumes; all elements are in region 1 (solids)")
@@ -267,7 +269,8 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     if several:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
         notes.append(
-            f"{plural(count, 'element')} in several physical volumes ({both}); the volume with the lowest tag defines the region"
+            f"elements in several physical volumes ({count} in total, for example in {both}) belong to the region of the volume "
+            "with the lowest tag"
         )
     blocks = []
     for kind in ELEMENTS:
@@ -315,7 +318,8 @@ def _set_names(
         name for name in names.values() if len({dimension for (dimension, _), n in names.items() if n == name}) > 1
     }
     notes = [
-        f"physical groups of different dimensions have the name {name!r}; set names include the dimension, as '{name} (2d)'"
+        f"physical groups of different dimensions have the name {name!r}; the names of their sets include the dimension, as "
+        f"'{name} (2d)'"
         for name in sorted(shared)
     ]
     return {key: f"{name} ({key[0]}d)" if name in shared else name for key, name in names.items()}, notes

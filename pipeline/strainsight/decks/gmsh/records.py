@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.faults import plural
 from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
@@ -100,7 +99,7 @@ class Text:
         self.start = self.at
         if not 0 <= count <= len(self.values) - self.at:
             left = len(self.values) - self.at
-            raise self.error(f"the section requires {plural(count, 'more number')}, but contains only {left}")
+            raise self.error(f"the section must contain {count} more numbers, but contains only {left}")
         self.at += count
         values = self.values[self.start : self.at]
         if kind == "double":
@@ -137,7 +136,7 @@ class Text:
         """Raise DeckError for surplus numbers."""
         if self.at < len(self.values):
             self.start = self.at
-            raise self.error(f"the section ends with {plural(len(self.values) - self.at, 'surplus number')}")
+            raise self.error(f"the section contains {len(self.values) - self.at} numbers after its last entry")
 
 
 class Binary:
@@ -172,7 +171,7 @@ class Binary:
     def _raw(self, dtype: np.dtype, count: int) -> np.ndarray:
         left = (len(self.content) - self.at) // dtype.itemsize
         if not 0 <= count <= left:
-            raise self.error(f"the section requires {plural(count, 'more number')}, but the file has at most {left}")
+            raise self.error(f"the section must contain {count} more entries, but the file contains at most {left}")
         values = np.frombuffer(self.content, dtype, count, self.at) if count else np.zeros(0, dtype)
         self.at += count * dtype.itemsize
         return values
@@ -284,7 +283,7 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
         parts.append(NodeRows(ids, x[:, :3], source.lines(count, width if latest else 1 + width)))
     count_in_blocks = sum(len(part.ids) for part in parts)
     if count_in_blocks != total:
-        raise source.error(f"the section declares {plural(total, 'node')}, but its blocks contain {count_in_blocks}")
+        raise source.error(f"the section declares {total} nodes, but its blocks contain {count_in_blocks}")
     return _join_nodes(parts)
 
 
@@ -318,7 +317,7 @@ def elements_4(source: Numbers, version: str, groups: dict[tuple[int, int], tupl
         chunks.append(Chunk(number, table[:, 0], table[:, 1:], entity_tags, source.lines(count, width)))
     count_in_blocks = sum(len(chunk.ids) for chunk in chunks)
     if count_in_blocks != total:
-        raise source.error(f"the section declares {plural(total, 'element')}, but its blocks contain {count_in_blocks}")
+        raise source.error(f"the section declares {total} elements, but its blocks contain {count_in_blocks}")
     return chunks
 
 
@@ -333,7 +332,7 @@ def elements_2(source: Numbers, count: int) -> list[Chunk]:
     while done < count:
         source.start = source.at
         if len(values) - source.at < 3:
-            raise source.error(f"the section declares {plural(count, 'element')}, but contains only {done}")
+            raise source.error(f"the section declares {count} elements, but contains only {done}")
         number, tags = (int(n) for n in source.take("int", 3)[1:])
         source.at = source.start
         width = 3 + _tags(source, tags) + _nodes_of(source, number)
@@ -353,7 +352,7 @@ def _elements_2_binary(source: Binary, count: int) -> list[Chunk]:
         width = 1 + _tags(source, tags) + _nodes_of(source, number)
         if not 1 <= follow <= count - done:
             raise source.error(
-                f"a block declares {plural(follow, 'element')}; allowed: 1 to {count - done}, the elements left in the section"
+                f"a block declares {follow} elements, but the section leaves room for 1 to {count - done}"
             )
         if follow > 1:
             table = source.take("int", follow * width).reshape(follow, width)

@@ -380,7 +380,7 @@ def _section(card: Card, dimensions: list[float]) -> BeamSection:
     try:
         return section_of_shape(card.text(3).upper(), dimensions)
     except DeckError as fault:
-        raise card.error(fault.what, fault.remedy or "correct the card") from None
+        raise card.error(fault.what, str(fault.remedy)) from None
 
 
 def _symmetric(points: FloatArray) -> bool:

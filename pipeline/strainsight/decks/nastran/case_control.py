@@ -152,9 +152,9 @@ def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
 
 @dataclass(frozen=True)
 class CardSets:
-    """Sets of supports ("SPC") or relations ("MPC"), with their name `what`; cards of all; combined: set → sets of its SPCADD or
-    MPCADD; ids of all, top: sets that are not part of another; chosen: ids, as written, selected by lines "SPC = n" of the case
-    control, with the first line of each; left_out: some cards are ignored, so sets may be missing."""
+    """Sets of supports ("SPC") or constraint equations ("MPC"), with their name `what`; cards of all; combined: set → sets of
+    its SPCADD or MPCADD; ids of all, top: sets that are not part of another; chosen: ids, as written, selected by lines "SPC = n"
+    of the case control, with the first line of each; left_out: some cards are ignored, so sets may be missing."""
 
     what: str
     cards: list[Card]
@@ -175,9 +175,9 @@ class CardSets:
     def choices(self, more: str = "") -> str:
         """Remedy for a missing set; more: alternative to the selection of another set."""
         return (
-            f"select one of the sets {', '.join(map(str, sorted(self.ids)))}{more}"
+            f"select one of the {self.what} sets {', '.join(map(str, sorted(self.ids)))}{more}"
             if self.ids
-            else f"add the {self.what} cards of this set"
+            else f"add {self.what} cards with this set id"
         )
 
     def select(self, more: str) -> int:
@@ -185,7 +185,9 @@ class CardSets:
         text, line = next(iter(self.chosen.items()))
         number = parse_integer(text) or 0
         if number not in self.ids and not self.left_out:
-            raise line.error(f"{self.what} = {text} selects a set that is not in the deck", self.choices(more))
+            raise line.error(
+                f"{self.what} = {text} selects an {self.what} set that is not in the deck", self.choices(more)
+            )
         return number
 
 
@@ -200,8 +202,8 @@ def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) ->
         combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
         if (lost := combined[number] - single) and not left_out:
             raise card.error(
-                f"set {min(lost)} has no {' or '.join(names)}",
-                "add the cards of this set, or remove the set id from this card",
+                f"{what}ADD refers to set {min(lost)}, which has no {' or '.join(names)} card",
+                f"add {what} cards with this set id, or remove the set id from this card",
             )
     ids = single | set(combined)
     chosen: dict[str, Line] = {}

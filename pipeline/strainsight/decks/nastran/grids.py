@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.faults import plural
 from strainsight.decks.nastran.cards import Card, Cards, unique_ids
 from strainsight.decks.nastran.case_control import expand
 from strainsight.decks.text import error_at, parse_integer
@@ -212,9 +211,9 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
         if on_axis.any():
             lost = "e_r and e_θ" if systems[int(cid)].kind == "cylindrical" else "e_θ and e_φ"
             notes.append(
-                f"{plural(int(on_axis.sum()), 'node')} with CD = {cid} on the axis of this coordinate system (first node "
+                f"nodes with CD = {cid} on the axis of this coordinate system ({on_axis.sum()} in total, first node "
                 f"{nodes.ids[rows[on_axis][0]]}): {lost} are undefined on the axis, so the rectangular axes of the "
-                "system are used there"
+                "system are used at these nodes"
             )
     texts = [card.text(6) or PS for card in grids]
     permanent = [(grids[i], i, text) for i, text in enumerate(texts) if text not in ("", "0")]

@@ -329,7 +329,7 @@ def _combine_loads(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str,
             if part not in sets:
                 raise card.error(
                     f"load set {part} contains no imported load",
-                    "remove this set from the card, or leave all LOAD cards out (mesh.ignore: [LOAD])",
+                    "remove this load set from the card, or leave all LOAD cards out (mesh.ignore: [LOAD])",
                 )
             total.add(sets[part], whole * card.real(i, "a factor"))
     return {f"LOAD-{number}": total.to_nodal_forces() for number, total in sorted(combined.items())}

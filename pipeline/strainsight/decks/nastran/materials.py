@@ -78,11 +78,9 @@ def note_damping(cards: Iterable[Card], notes: list[str]) -> None:
     damped: dict[str, list[str]] = {}
     for card in cards:
         if card.real(field := _DAMPING[card.name], "the structural damping GE", 0.0):
-            damped.setdefault(card.name, []).append(f"{card.text(0)} (GE {card.text(field)})")
-    for name, ids in damped.items():
-        notes.append(
-            f"{name} {first_names(ids)}: structural damping GE is not imported; define `damping` in the config"
-        )
+            damped.setdefault(card.name, []).append(f"{card.name} {card.text(0)} (GE = {card.text(field)})")
+    for names in damped.values():
+        notes.append(f"{first_names(names)}: structural damping GE is not imported; define `damping` in the config")
 
 
 def first_names(names: list[str]) -> str:

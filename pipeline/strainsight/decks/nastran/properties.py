@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.decks.faults import OR_CONFIG, plural
+from strainsight.decks.faults import OR_CONFIG
 from strainsight.decks.nastran.cards import Card, Cards, unique_ids
 from strainsight.decks.nastran.grids import Grids, find_system
 from strainsight.decks.nastran.materials import (
@@ -78,7 +78,7 @@ def properties(
     laminae = {mid: lamina(of_plies[mid]) for _, mid in in_plies if mid in of_plies}
     if rigid := [str(i) for i, each in laminae.items() if np.isinf(each.g1z) or np.isinf(each.g2z)]:
         notes.append(
-            f"MAT8 without G1Z or G2Z: {first_names(rigid)}; plies of such a material are rigid in transverse shear"
+            f"MAT8 without G1Z or G2Z: {first_names(rigid)}; plies of these materials are rigid in transverse shear"
         )
     named += [(card, mid) for card, mid in in_plies if mid not in laminae]
     materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, materials_required)
@@ -104,7 +104,7 @@ def properties(
             i = int(np.argmax(missing))
             card = next(card for card in cards.of(*SOLIDS) if int(card.tokens[0]) == block.ids[i])
             raise card.error(
-                f"property {block.region[i]} is not a PSOLID of the deck ({plural(int(missing.sum()), block.kind + ' element')})",
+                f"property {block.region[i]} is not a PSOLID of the deck ({missing.sum()} {block.kind} elements without PSOLID)",
                 f"add a PSOLID card with id {block.region[i]}{OR_CONFIG}",
             )
     return Properties(
@@ -161,12 +161,12 @@ def _solid_regions(
             system = find_system(card, 2, grids.systems)
             orientations |= {pid: Orientation(system, np.eye(3))} if mid in anisotropic else {}
         if card.text(3) or card.text(5):
-            schemes.append(f"{pid} (IN {card.text(3) or 'blank'}, ISOP {card.text(5) or 'blank'})")
+            schemes.append(f"PSOLID {pid} (IN {card.text(3) or 'blank'}, ISOP {card.text(5) or 'blank'})")
         regions[pid] = Region(pid, f"PSOLID {pid}", mid)
         named += [(card, mid)] if mid not in anisotropic else []
     if schemes:
         notes.append(
-            f"PSOLID {first_names(schemes)}: the integration scheme of the deck is not used; solids are fully "
+            f"{first_names(schemes)}: the integration scheme of the deck is not used; solids are fully "
             "integrated, and linear hexahedra have incompatible modes"
         )
     return regions, named, orientations

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.decks.faults import check_elements, plural
+from strainsight.decks.faults import check_elements
 from strainsight.decks.nastran.cards import Card, Cards, Elements, unique_ids
 from strainsight.decks.nastran.grids import Grids, NodeTable, find_system
 from strainsight.decks.text import parse_integer
@@ -66,8 +66,8 @@ def read_solids(
     if turned:
         names = ", ".join(f"{card.name} {card.text(0)}" for card in turned[:3]) + (", …" if turned[3:] else "")
         notes.append(
-            f"{plural(len(turned), 'solid element')} of {len(elements)} had a left-handed node order in the deck; "
-            f"corrected: {names} (first at {turned[0].where})"
+            f"{len(turned)} of {len(elements)} solid elements had a left-handed node order in the deck, which is corrected: "
+            f"{names} (first at {turned[0].where})"
         )
     by_id = dict(zip(ids.tolist(), elements, strict=True))
     check_elements(
@@ -222,9 +222,9 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
         return grids, Middles(np.zeros((0, 2), dtype=np.int64), ())
     ends_of = np.array([*side], dtype=np.int64)
     notes.append(
-        f"{plural(partial, 'solid element')} without some mid-side nodes (first {first[0].name} {first[0].text(0)}, "
-        f"{first[0].where}): {plural(len(side), 'mid-side node')} added with ids {last + 1} to {last + len(side)}; each "
-        "added node moves with the two corner nodes of its side, so the side stays straight"
+        f"solid elements without some mid-side nodes ({partial} in total, first {first[0].name} {first[0].text(0)}, "
+        f"{first[0].where}) are completed with nodes {last + 1} to {last + len(side)}; each moves with the two corner nodes "
+        "of its side, so the side stays straight"
     )
     ids = np.concatenate([grids.nodes.ids, np.arange(last + 1, last + 1 + len(side))])
     position = np.vstack([grids.position, grids.position[ends_of].mean(axis=1)])

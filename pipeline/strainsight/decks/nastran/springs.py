@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from strainsight.decks.faults import ENFORCED, HELD, Doubt, plural
+from strainsight.decks.faults import ENFORCED, HELD, Doubt
 from strainsight.decks.nastran.cards import Card, Cards, Deck, unique_ids
 from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, find_system
@@ -56,7 +56,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
         damped += damping != 0
         elements_found.append(_elastic(card, grids, k))
     if damped:
-        notes.append(f"damping GE of {plural(damped, 'CELAS card')} is not imported: define `damping` in the config")
+        notes.append(f"damping GE of CELAS cards ({damped} in total) is not imported: define `damping` in the config")
     return tuple(elements_found)
 
 
@@ -285,7 +285,7 @@ def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int,
     ends = [i for i in (2, 4) if not card.is_blank(i) and not card.is_blank(i + 1)]
     if len(ends) != 1:
         raise card.error(
-            f"the mass acts on {plural(len(ends), 'component')}: only a mass on exactly one component is supported",
+            f"the mass acts on {len(ends)} components, but only a mass on exactly one component is supported",
             f"define the mass as CONM2, or leave these cards out (mesh.ignore: [{card.name}])",
         )
     component = card.component(ends[0] + 1)
@@ -387,7 +387,7 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
         notes.append(
             Doubt(
                 f"the case control selects no supports, so Nastran uses none; strainsight uses the only support set {number}. "
-                f"Set mesh.spc: {number} to confirm this support set, or mesh.ignore: [SPC, SPC1] to leave it out"
+                f"Set mesh.spc to {number} to confirm this support set, or mesh.ignore to [SPC, SPC1] to leave it out"
             )
         )
     return sets.parts(number)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from strainsight.decks.faults import plural
 from strainsight.decks.nastran.cards import Card, Cards, Deck
 from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
@@ -41,7 +40,7 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
             )
         if min(wanted) > 2 and not references.intersection(ids.tolist()):
             notes.append(
-                f"RBE2 {card.tokens[0]} ties only rotations (components {card.text(2)}), but nodes of solids "
+                f"RBE2 {card.tokens[0]} constrains only rotations (components {card.text(2)}), but nodes of solids "
                 "have no rotations: the RBE2 has no effect"
             )
         number = card.integer(0, "the element id")
@@ -133,7 +132,7 @@ def _um_set(card: Card, tokens: list[str], nodes: NodeTable, count: int) -> IntA
         motions += [(nodes.row(node, card), c) for c in wanted]
     if len(motions) != count or len(set(motions)) != count:
         raise card.error(
-            f"the UM set has {plural(len(set(motions)), 'different component')}, but REFC has {count}",
+            f"the UM set has {len(set(motions))} different components, but REFC has {count}",
             "specify as many components in the UM set as in REFC",
         )
     return np.array(motions, dtype=np.int64)
@@ -226,7 +225,7 @@ def _rigid(card: Card, grids: Grids, independent: list[Motion], dependent: list[
     number = card.integer(0, "the element id")
     if len(independent) != 6:
         raise card.error(
-            f"the card has {plural(len(independent), 'independent component')} instead of six",
+            f"the card has {len(independent)} independent components instead of six",
             "specify six independent components that constrain a rigid body",
         )
     if not dependent:
