@@ -110,7 +110,7 @@ def plate_normals(
         )
     if warp[worst] > WARPED:
         notes.append(
-            f"warped {called(worst).split()[0]} ({np.sum(warp > WARPED)} in total): corners are more than {WARPED:g} of the mean "
-            f"diagonal off the mean plane (largest: {warp[worst]:.2g}, {called(worst)})"
+            f"warped shells ({np.sum(warp > WARPED)} in total): corners are more than {WARPED:g} of the mean diagonal off the "
+            f"mean plane (largest {warp[worst]:.2g}, {called(worst)})"
         )
     return normal
