@@ -95,7 +95,7 @@ MATERIALS = {
     "angles of plies in radians": (
         plies(".785", "-.785", "0.", "1.571"),
         OF_PLIES,
-        "Angles are in degrees, not in radians.",
+        "The unit is degrees, not radians.",
     ),
     "a range without the deck's value": (
         bar(),

@@ -56,7 +56,10 @@ class Copies:
         element_sets = {name: np.sort(self._ids_of_copies(members)) for name, members in mesh.element_sets.items()}
         named = [name for j in range(count) if (name := f"SECTOR-{j + 1}") in {*node_sets, *element_sets}]
         if named:
-            raise UserError(f"the set name {named[0]} is reserved for a copy of the sector", remedy="Rename the set.")
+            raise UserError(
+                f"the set name {named[0]} is reserved for a copy of the sector",
+                remedy="Rename this node set or element set.",
+            )
         sector = np.sort(np.concatenate([block.ids for block in mesh.blocks]))
         for j in range(count):
             element_sets[f"SECTOR-{j + 1}"] = sector + j * shift

@@ -35,8 +35,8 @@ def check_node_order(mesh: Mesh) -> None:
         ):
             raise element_error(
                 blocks[0].ids[0],
-                f"in all {len(off)} {kind} elements, mid-side nodes are at the middles of wrong edges (at least {off.min():.2g} "
-                "of the edge length away from the right middle). The node order differs from that of the file format.",
+                f"in all {kind} elements, the mid-side nodes are at the middles of wrong edges (at least {off.min():.2g} "
+                "of the edge length away from the correct middle). The node order differs from that of the file format.",
                 "Write the element nodes in the order of the file format.",
             )
 

@@ -62,7 +62,7 @@ def _shell_warnings(mesh: Mesh, number: int) -> Iterator[str]:
             and max(angles) <= np.pi / 2 + 0.01
             and angles & {round(a, k) for a in _RADIANS for k in (2, 3, 4, 5)}
         ):
-            yield f"{name} has plies at {', '.join(f'{a:g}°' for a in sorted(angles))}. Angles are in degrees, not in radians."
+            yield f"{name} has ply angles of {', '.join(f'{a:g}°' for a in sorted(angles))}. The unit is degrees, not radians."
 
 
 _RADIANS = (np.pi / 6, np.pi / 4, np.pi / 3, np.pi / 2)
