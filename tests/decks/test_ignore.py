@@ -112,12 +112,12 @@ def test_enforced_displacement_is_fixed_or_free(tmp_path, name, text):
     mesh = imported(tmp_path, text, name=name)
     assert [3, 0] in mesh.fixed.tolist()
     assert sanity_warnings(mesh)[0].startswith(
-        "1 × ENFORCED DISPLACEMENT with a nonzero value ignored: the displacement is set to zero"
+        "1 × ENFORCED DISPLACEMENT with a nonzero value ignored: the enforced displacement is set to zero"
     )
     mesh = imported(tmp_path, text, ["enforced displacement"], name=name)
     assert [3, 0] not in mesh.fixed.tolist()
     assert mesh.ignored["ENFORCED DISPLACEMENT"] == 1
-    assert "is free" in sanity_warnings(mesh)[0]
+    assert "are free to move" in sanity_warnings(mesh)[0]
 
 
 @pytest.mark.parametrize(

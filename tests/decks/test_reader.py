@@ -300,6 +300,6 @@ def test_wrong_mid_side_order_is_refused(tmp_path, cell):
 
     assert len(read(np.stack([order, order + len(x)])).elements) == 1
     rolled = np.r_[order[:corners], np.roll(order[corners:], 1)]
-    with pytest.raises(DeckError, match=r"in all 2 .* The node order differs") as caught:
+    with pytest.raises(DeckError, match=r"in all .* The node order differs") as caught:
         read(np.stack([rolled, rolled + len(x)]))
     assert "merge" not in caught.value.remedy

@@ -95,11 +95,11 @@ def test_unconnected_coincident_nodes_give_merge_distance():
     (said,) = connectivity_warnings(TWO)
     first, second = TWO.node_ids[FACE[:, 0]]
     assert said.startswith("18 nodes coincide with another")
-    assert "mesh.merge: 1e-06" in said
+    assert "Set mesh.merge to 1e-06" in said
     assert f"for example {first} and {second} at (1, " in said
     apart = replace(TWO, position=TWO.position + np.where(np.arange(54) > 26, 4e-5, 0)[:, None] * [1, 0, 0])
     (said,) = connectivity_warnings(apart)
-    assert "mesh.merge: 0.0001" in said
+    assert "Set mesh.merge to 0.0001" in said
     assert len(merged(apart, 1e-4).position) == 45
     gap = replace(TWO, position=TWO.position + np.where(np.arange(54) > 26, 4e-3, 0)[:, None] * [1, 0, 0])
     assert connectivity_warnings(gap) == ()
@@ -128,7 +128,7 @@ def test_merge_keeps_coincident_nodes_with_a_tie(way):
     assert connectivity_warnings(mesh) == ()
     kept = merged(mesh, 1e-6)
     assert len(kept.position) == len(mesh.position)
-    assert "without a connection (nodes already connected:" in kept.notes[-1]
+    assert "coincident nodes stay separate, because a tie, equation or spring connects them" in kept.notes[-1]
 
 
 def test_average_over_both_sides_does_not_connect_them():
@@ -204,7 +204,7 @@ def test_coincident_shells_tied_at_corners_give_a_warning():
     fasteners = tuple(RigidElement(i, k, np.array([k + 25]), tuple(range(6))) for i, k in enumerate((0, 4, 20, 24)))
     check_doubled(replace(mesh, rigid=fasteners))
     said = connectivity_warnings(replace(mesh, rigid=fasteners))
-    assert "coincide but have separate nodes (coincident pairs in total: 12); their parts are connected at other nodes" in said[1]
+    assert "coincide but have separate nodes (12 coincident pairs in total); their parts are connected at other nodes" in said[1]
     with pytest.raises(DeckError, match="coincide"):
         check_doubled(held(mesh, mesh.position[:, 0] == 0))
 

@@ -79,7 +79,7 @@ def test_unused_nodes_and_ignored_cards_give_warnings():
     assert list(mesh.node_ids[unused_nodes(mesh)]) == [9]
     assert empty_regions(mesh) == (2,)
     assert sanity_warnings(mesh) == (
-        "3 × shells ignored: the stiffness, mass or tie of the card is missing from the model",
+        "3 × shells ignored: the stiffness, mass or tie of this card is missing from the model",
         "1 node has no connection, and is omitted from the model: 9",
         "region 2 (lid) has no elements",
     )
@@ -121,7 +121,7 @@ MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning n
     "g, mm, ms and N": (2.1e5, 7.85e-3, ("mm", "g"), "2.1e+05 appears to be in MPa with time in ms"),
     "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 appears to be in g/mm³ (steel). In mm, t and s the value is 7.85e-09"),
     "t, mm and kN": (210.0, 7.85e-9, MM_T, "210 appears to be in GPa"),
-    "pounds without 386": (3e7, 0.283, IN_LB, "Or instead set mesh.mass_unit: lbf*s2/in and the density 0.000733"),
+    "pounds without 386": (3e7, 0.283, IN_LB, "Or set mesh.mass_unit to lbf*s2/in, and the density in the deck to 0.000733"),
     "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "be in lb/in³ (steel). In in, lbf*s2/in and s the value is 0.000733"),
     "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "In in, lbf*s2/in and s the value is 3e+07"),
     "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "in N/cm² (steel, 2.1e+11 Pa). In cm, kg and s the value is 2.1e+09"),

@@ -95,7 +95,7 @@ MATERIALS = {
     "angles of plies in radians": (
         plies(".785", "-.785", "0.", "1.571"),
         OF_PLIES,
-        "Angles are in degrees, not in radians.",
+        "The unit is degrees, not radians.",
     ),
     "a range without the deck's value": (
         bar(),
@@ -120,12 +120,12 @@ SECTIONS = {
     "normals that change sides": (
         plate(turned=(3,)),
         ON_PLATE,
-        "normals of neighbouring shells are opposite, for example of elements 2 and 3 (affected common sides: 3)",
+        "normals of neighbouring shells are opposite, for example of elements 2 and 3 (3 such pairs in total)",
     ),
     "a section of shells on solids": (
         inp(section="*SHELL SECTION, ELSET=EALL, MATERIAL=STEEL\n0.01"),
         ABAQUS,
-        "contains C3D8 1, a solid",
+        "contains C3D8 1, to which this section does not apply",
     ),
     "a spring that is a clamp": (bar("CELAS2,60,1.+30,5,1"), {}, "1.1e+19 times E L of the structure"),
 }
@@ -164,7 +164,7 @@ LOADS = {
     "a preload": (
         inp(more="*STEP, NLGEOM\n*STATIC\n*CLOAD\n5, 3, 1.\n*END STEP"),
         ABAQUS,
-        "without the preload of this step",
+        "without preload or initial stress",
     ),
     "stress at the start": (
         inp(more="*INITIAL CONDITIONS, TYPE=STRESS\nEALL, 1e8, 0, 0, 0, 0, 0"),

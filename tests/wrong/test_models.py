@@ -152,7 +152,7 @@ def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
 def test_an_enforced_displacement_that_is_held_is_not_said_to_be_left_out(tmp_path):
     assert imported(tmp_path, deck(*bricks(), "PSOLID,1,1", "SPC,1,5,3,.01"), {})[0] == 0
     _, detail = assumed(tmp_path)["card ENFORCED DISPLACEMENT with a nonzero value"]
-    assert detail.startswith("the model differs from the deck: the displacement is set to zero")
+    assert detail.startswith("the model differs from the deck: the enforced displacement is set to zero")
 
 
 def test_free_sides_of_shells_are_counted(tmp_path):

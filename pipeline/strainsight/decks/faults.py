@@ -77,8 +77,11 @@ def find_coincident(nodes: IntArray) -> tuple[int, int] | None:
 def note_shared(nodes: IntArray, called: Callable[[int], str], notes: list[str]) -> None:
     """Add a note on two elements of a kind with the same nodes (m, k), which may be intended; called: row → "S4R 12"."""
     if pair := find_coincident(nodes):
+        first, second = pair
         count = len(nodes) - len(np.unique(np.sort(nodes, axis=1), axis=0))
-        shared = f"{called(pair[1])} has the same nodes as {called(pair[0])} ({plural(count, 'duplicate element')})"
+        shared = (
+            f"{called(second)} has the same nodes as {called(first)} ({plural(count, 'duplicate element')} in total)"
+        )
         notes.append(Doubt(f"{shared}: the model includes the stiffness and mass of both"))
 
 
@@ -103,7 +106,7 @@ def lamina_fault(moduli: Mapping[str, float], poisson_ratio: float, name: str = 
     e1, e2 = list(moduli.values())[:2]
     if not poisson_ratio**2 < e1 / e2:
         what = f"{name} is {poisson_ratio:g}, but its square must be less than E1/E2 = {e1 / e2:g}"
-        return what, f"correct {name}, which is −ε₂/ε₁ for a stress along axis 1"
+        return what, f"correct Poisson's ratio {name}, which is −ε₂/ε₁ for a stress along axis 1"
     return None
 
 
@@ -163,7 +166,7 @@ def plural(count: int, what: str) -> str:
 
 ENFORCED = "ENFORCED DISPLACEMENT"
 """Name in a config of a support with a prescribed displacement that is not zero; if ignored, its components are free."""
-HELD = f"{ENFORCED} with a nonzero value"
+HELD = "ENFORCED DISPLACEMENT with a nonzero value"
 """Name in a config of such a support whose components are fixed at zero, as in a frequency analysis of any program."""
 MISSING_END = "MISSING ENDDATA"
 """Name in a config of a deck with BEGIN BULK but without ENDDATA, which may be truncated."""
@@ -171,7 +174,7 @@ PRELOAD = "PRELOAD"
 """Name in a config of the preload of a modal analysis; cards are "PRELOAD by STATSUB" and similar."""
 LINEAR = {**dict.fromkeys(("S9R5", "CQUAD"), "eight or four nodes"), **dict.fromkeys(("T3D3", "CBEAM3"), "two nodes")}
 """Shells of nine nodes and quadratic trusses, in the spelling of `short` → number of nodes of a supported element."""
-_UNUSED = re.compile(r" that no | not selected$")
+_UNUSED = re.compile(r"\sthat no | not selected$")
 
 
 def spelt(card: str) -> str:

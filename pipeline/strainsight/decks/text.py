@@ -313,7 +313,8 @@ class Entries(ABC):
             return default
         value = parse_integer(token)
         if value is None:
-            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {describe_non_integer(token)}")
+            fault = describe_non_integer(token)
+            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {fault}")
         return value
 
     def component(self, i: int, default: int | None = None) -> int:

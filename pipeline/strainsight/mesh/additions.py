@@ -91,18 +91,16 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
     """A mesh whose regions (None: all) refer to the material of that number, without unused materials."""
     chosen = set(mesh.regions if regions is None else region_ids(mesh, regions))
     several: dict[str, tuple[Callable[[int], object], str]] = {
-        "membrane, bending and shear": (
-            mesh.general_shell,
-            "the materials of membrane, bending and shear in the deck (MAT1, MAT2, MAT8)",
-        ),
-        "the plies": (mesh.laminate, "materials of plies in the deck (MAT8, MAT1)"),
-        "the layers": (mesh.composites.get, "materials of layers in the deck"),
+        "membrane, bending and shear": (mesh.general_shell, " (MAT1, MAT2, MAT8)"),
+        "the plies": (mesh.laminate, " (MAT8, MAT1)"),
+        "the layers": (mesh.composites.get, ""),
     }
-    for words, (part_of, where) in several.items():
+    for parts, (part_of, cards) in several.items():
         if layered := sorted(i for i in chosen if part_of(i)):
             raise UserError(
-                f"{words} of {mesh.regions[layered[0]]} have separate materials",
-                remedy=f"Exclude this region from the material in mesh.materials, and define {where}.",
+                f"{parts} of {mesh.regions[layered[0]]} have separate materials",
+                remedy="Exclude this region from the material in mesh.materials, and define the materials of "
+                f"{parts} in the deck{cards}.",
             )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
     stacks: list[tuple[Ply | Layer, ...]] = [
@@ -227,7 +225,10 @@ def with_averaging_element(
 def with_face(mesh: Mesh, name: str, facets: Facets, chosen: IntArray) -> Mesh:
     """A mesh with an added named face, the chosen (k,) of its facets. Raises UserError for the name of a set."""
     if name in mesh.node_sets or name in mesh.element_sets:
-        raise UserError(f"the mesh already has a set {name!r}", remedy="Rename the face, or use the existing set.")
+        raise UserError(
+            f"the mesh already has a node set or element set {name!r}",
+            remedy="Rename the face in mesh.faces, or use the existing set.",
+        )
     nodes = facets.nodes[chosen]
     members = np.sort(mesh.node_ids[np.unique(nodes[nodes >= 0])])
     members_of_face = np.column_stack([facets.element_id[chosen], facets.facet[chosen]])
@@ -250,7 +251,9 @@ def _next_tie(mesh: Mesh) -> int:
 
 def _suggestion(word: str, known: list[str]) -> str:
     return did_you_mean(
-        word, known, f"Use one of {', '.join(sorted(set(known)))}." if known else "Define the set in the mesh file."
+        word,
+        known,
+        f"Use one of {', '.join(sorted(set(known)))}." if known else "Define the node set in the mesh file.",
     )
 
 

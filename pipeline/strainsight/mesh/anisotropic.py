@@ -106,7 +106,7 @@ def stiffness_fault(C: FloatArray) -> tuple[str, str] | None:
     The eigenvalues are those of C_ij/√(C_ii C_jj), independent of units and ratios of moduli."""
     diagonal = np.diagonal(C)
     if not np.isfinite(C).all():
-        return "the stiffness matrix has a value that is not finite", "Specify finite values."
+        return "the stiffness matrix has a value that is not finite", "Specify finite values in the stiffness matrix."
     if not (diagonal > 0).all():
         i = int(np.argmin(diagonal > 0))
         return (

@@ -189,7 +189,7 @@ def regions_with_sections(
         if tag is not None and number != tag:
             notes.append(
                 f"region {tag} of {ELEMENT_NAMES[dimension]} is imported as region {number} ({name}), "
-                f"because {regions[tag]} already exists"
+                f"because the id {tag} already belongs to {regions[tag]}"
             )
         regions[number] = Region(number, name, 0)
         chosen[dimension, tag] = (regions[number], assignments[key])

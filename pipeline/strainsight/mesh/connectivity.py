@@ -22,7 +22,7 @@ def check_doubled(mesh: Mesh) -> None:
     for pair in doubled(mesh, joints, Coincident(mesh, joints)):
         if pair.joined:
             continue
-        more = f" (coincident pairs in total: {pair.count})" if pair.count > 1 else ""
+        more = f" ({pair.count} coincident pairs in total)" if pair.count > 1 else ""
         raise element_error(
             pair.second,
             f"elements {pair.first} and {pair.second} ({pair.kind}) coincide, but have separate nodes{more}: stiffness and mass "
@@ -39,13 +39,12 @@ def connectivity_warnings(mesh: Mesh) -> tuple[str, ...]:
         a, b = mesh.node_ids[coincident.pairs[0]]
         warnings.append(
             f"{len(coincident.unjoined)} nodes coincide with another node without connection, for example {a} and {b} at "
-            f"{_at(mesh, coincident.pairs[0, 0])}: parts touch there, but transfer no load. Merge the nodes (mesh.merge: "
-            f"{merge_distance(coincident.distance):g}) or tie the parts (mesh.ties). Change nothing if the parts may separate."
+            f"{_at(mesh, coincident.pairs[0, 0])}: parts touch there, but transfer no load. Set mesh.merge to "
+            f"{merge_distance(coincident.distance):g}, or tie the parts (mesh.ties). Change nothing if the parts may separate."
         )
     warnings += [
-        f"elements {pair.first} and {pair.second} ({pair.kind})"
-        + " coincide but have separate nodes"
-        + (f" (coincident pairs in total: {pair.count})" if pair.count > 1 else "")
+        f"elements {pair.first} and {pair.second} ({pair.kind}) coincide but have separate nodes"
+        + (f" ({pair.count} coincident pairs in total)" if pair.count > 1 else "")
         + "; their parts are connected at other nodes. This is correct for two fastened layers. If the mesh is duplicated, "
         "stiffness and mass count twice: remove one copy."
         for pair in doubled(mesh, joints, coincident)
@@ -101,21 +100,18 @@ def merged(mesh: Mesh, distance: float) -> Mesh:
     pairs = pairs[~connected[pairs].any(axis=1)]
     into = _lowest(mesh, pairs)
     is_merged = into != np.arange(len(into))
+    more = f"; {np.count_nonzero(connected)} coincident nodes stay separate, because a tie, equation or spring connects them"
+    more *= bool(connected.any())
     if not is_merged.any():
-        more = f" without a connection (nodes already connected: {np.count_nonzero(connected)})" * bool(connected.any())
-        return replace(
-            mesh, notes=(*mesh.notes, f"mesh.merge: no two nodes are within {distance:g} m of each other{more}")
-        )
+        return replace(mesh, notes=(*mesh.notes, f"mesh.merge: no nodes to merge within {distance:g} m{more}"))
     _check_elements(mesh, into, distance)
     _check_axes(mesh, into, is_merged)
     first = int(np.flatnonzero(is_merged)[np.argmin(mesh.node_ids[is_merged])])
     count = int(np.count_nonzero(is_merged))
     words = f"{count} nodes were merged into others" if count > 1 else "a node was merged into another"
     note = f"mesh.merge: {words} within {distance:g} m, for example {mesh.node_ids[first]} into {mesh.node_ids[into[first]]}"
-    if connected.any():
-        note += f"; nodes that a tie or spring connects to a coincident node were not merged ({np.count_nonzero(connected)})"
     renumbered = np.cumsum(~is_merged) - 1
-    return replace(_renumber(mesh, renumbered[into], is_merged), notes=(*mesh.notes, note))
+    return replace(_renumber(mesh, renumbered[into], is_merged), notes=(*mesh.notes, note + more))
 
 
 def _lowest(mesh: Mesh, pairs: IntArray) -> IntArray:

@@ -56,7 +56,10 @@ class Copies:
         element_sets = {name: np.sort(self._ids_of_copies(members)) for name, members in mesh.element_sets.items()}
         named = [name for j in range(count) if (name := f"SECTOR-{j + 1}") in {*node_sets, *element_sets}]
         if named:
-            raise UserError(f"the set name {named[0]} is reserved for a copy of the sector", remedy="Rename the set.")
+            raise UserError(
+                f"the set name {named[0]} is reserved for a copy of the sector",
+                remedy="Rename this node set or element set.",
+            )
         sector = np.sort(np.concatenate([block.ids for block in mesh.blocks]))
         for j in range(count):
             element_sets[f"SECTOR-{j + 1}"] = sector + j * shift
@@ -215,8 +218,8 @@ class Copies:
             groups = self._by_reference(average.reference)
             if average.dependent is not None and len(groups) == 1:
                 raise UserError(
-                    f"{average}: an averaging element with UM components and its reference node on the sector axis cannot be "
-                    "copied to other sectors",
+                    f"{average}: an averaging element (RBE3) with UM components and its reference node on the sector axis "
+                    "cannot be copied to other sectors",
                     remedy="Remove UM: the reference node is then the dependent node.",
                 )
             for reference, group in groups:
@@ -267,9 +270,9 @@ class Copies:
                 )
         for row in set(replaced) - {relation.follower[0] for relation in relations}:
             raise UserError(
-                f"{replaced[row]}: node {self.mesh.node_ids[replaced[row].node[0]]} coincides with a node of the opposite cut "
-                "face after rotation by one sector, but no such equation exists for that node",
-                remedy="Put the motion of another node first in the equation, or define the equation on the opposite face too.",
+                f"{replaced[row]}: the dependent node {self.mesh.node_ids[replaced[row].node[0]]} of this constraint equation is "
+                "on a cut face of the sector, but the opposite node of the other cut face has no such equation",
+                remedy="Define the equation on the opposite face too, or put the term of a node inside the sector first.",
             )
         return tuple(relations), np.array(number, dtype=np.int64)
 

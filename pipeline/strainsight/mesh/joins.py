@@ -55,7 +55,7 @@ class AveragingElement:
         Column(
             "1",
             "component × 2",
-            "dependent motions as [node index, component] (UM); without UM, those of the reference node",
+            "dependent motions as [node index, component 0-5] (UM); without UM, those of the reference node",
         ),
     ] = None
     name: Annotated[str, Column("1", "", "name of the averaging element in the mesh file or config")] = ""
@@ -87,7 +87,7 @@ class AveragingElement:
         _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
         if len(np.unique(nodes)) < len(first):
             raise DeckError(
-                f"two coincident nodes enter the average of {self} with different components",
+                f"{self}: two coincident nodes of this averaging element have different components",
                 remedy="Use the same components for both nodes.",
                 entity=("tie", self.id),
             )
@@ -109,7 +109,7 @@ class Relation:
 
     Names are as "MPC 7", "*EQUATION". yields: the relation is dropped if a support clamps its dependent motion."""
 
-    id: Annotated[int, Column("1", "", "number of every relation (MPC, *EQUATION)")]
+    id: Annotated[int, Column("1", "", "id of every constraint equation (MPC, *EQUATION)")]
     node: Annotated[
         IntArray,
         Column("1", "term", "node index of every term of every constraint equation (MPC)", offset="term_offset"),
@@ -126,11 +126,11 @@ class Relation:
     value: Annotated[
         FloatArray, Column("SI", "term", "coefficient of the term; in m for a rotation", offset="term_offset")
     ]
-    name: Annotated[str, Column("1", "", "name of the relation in the mesh file or config")] = ""
+    name: Annotated[str, Column("1", "", "name of the constraint equation in the mesh file or config")] = ""
     yields: bool = False
 
     def __str__(self) -> str:
-        return self.name or f"relation {self.id}"
+        return self.name or f"constraint equation {self.id}"
 
     @property
     def ties(self) -> bool:
@@ -259,7 +259,7 @@ class NodalForces:
     """A load of the file (one load set), along the basic axes; body: body forces not yet included in force. regions: those whose
     mass contributes to the forces, which are proportional to their density."""
 
-    nodes: Annotated[IntArray, Column("1", "loaded node", "node index of every node on which this deck load acts")]
+    nodes: Annotated[IntArray, Column("1", "loaded node", "node index of every node on which the load acts")]
     force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces on the loaded nodes, in global axes")]
     moment: Annotated[
         FloatArray | None,
@@ -272,5 +272,5 @@ class NodalForces:
     ] = None
     body: tuple[BodyForce, ...] = ()
     regions: Annotated[
-        tuple[int, ...], Column("1", "region", "ids of the regions whose mass gives the forces of the load")
+        tuple[int, ...], Column("1", "region", "ids of the regions whose mass causes the load (gravity, rotation)")
     ] = ()

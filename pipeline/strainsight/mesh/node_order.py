@@ -35,8 +35,8 @@ def check_node_order(mesh: Mesh) -> None:
         ):
             raise element_error(
                 blocks[0].ids[0],
-                f"in all {len(off)} {kind} elements, mid-side nodes are at the middles of wrong edges (at least {off.min():.2g} "
-                "of the edge length away from the right middle). The node order differs from that of the file format.",
+                f"in all {kind} elements, the mid-side nodes are at the middles of wrong edges (at least {off.min():.2g} "
+                "of the edge length away from the correct middle). The node order differs from that of the file format.",
                 "Write the element nodes in the order of the file format.",
             )
 
@@ -110,7 +110,7 @@ def plate_normals(
         )
     if warp[worst] > WARPED:
         notes.append(
-            f"warped {called(worst).split()[0]} ({np.sum(warp > WARPED)} in total): corners are more than {WARPED:g} of the mean "
-            f"diagonal off the mean plane (largest: {warp[worst]:.2g}, {called(worst)})"
+            f"warped shells ({np.sum(warp > WARPED)} in total): corners are more than {WARPED:g} of the mean diagonal off the "
+            f"mean plane (largest {warp[worst]:.2g}, {called(worst)})"
         )
     return normal

@@ -71,7 +71,7 @@ def value_of(mesh: Mesh, region: int, property: str, material: int | str | None 
         return value
     if what := without_modulus(mesh, region):
         raise UserError(
-            f"{mesh.regions[region]} is {what}, which has no single Young's modulus",
+            f"{mesh.regions[region]} has no single Young's modulus, because it is {what}",
             remedy="Estimate a factor of the stiffness: `property: stiffness_factor`, `guess: 1.0`, `range: [0.8, 1.2]`.",
         )
     isotropic = mesh.materials[mesh.regions[region].material]

@@ -62,7 +62,7 @@ def _shell_warnings(mesh: Mesh, number: int) -> Iterator[str]:
             and max(angles) <= np.pi / 2 + 0.01
             and angles & {round(a, k) for a in _RADIANS for k in (2, 3, 4, 5)}
         ):
-            yield f"{name} has plies at {', '.join(f'{a:g}°' for a in sorted(angles))}. Angles are in degrees, not in radians."
+            yield f"{name} has ply angles of {', '.join(f'{a:g}°' for a in sorted(angles))}. The unit is degrees, not radians."
 
 
 _RADIANS = (np.pi / 6, np.pi / 4, np.pi / 3, np.pi / 2)
@@ -77,7 +77,7 @@ def _beam_warnings(mesh: Mesh, number: int, section: BeamSection) -> Iterator[st
     if not len(concatenate(node_lists)):
         return
     long = _length(mesh, mesh.nodes_of_elements)
-    for end, at_end in (("", section), (" at its end B", section.at_b)):
+    for end, at_end in (("", section), (" at end B", section.at_b)):
         if at_end is None:
             continue
         A, J, polar = at_end.area, at_end.torsion, float(np.trace(at_end.second))
@@ -136,9 +136,9 @@ def _stiff_springs(mesh: Mesh) -> Iterator[str]:
             k = float(spring.stiffness[spring.torsion == turns].max(initial=0.0))
             if k > STIFF * max(E) * long**power:
                 yield (
-                    f"{spring} has {k:.3g} {unit}, {k / (max(E) * long**power):.2g} times E L{'³' * turns} of the structure "
-                    "(E: Young's modulus, L: length): rounding errors dominate. Replace the spring by a support (SPC) or a rigid "
-                    "tie (RBE2)."
+                    f"{spring}: the stiffness {k:.3g} {unit} is {k / (max(E) * long**power):.2g} times E L{'³' * turns} of the "
+                    "structure (E: Young's modulus, L: length), so rounding errors dominate. Replace the spring by a support "
+                    "(SPC) or a rigid tie (RBE2)."
                 )
 
 
@@ -163,7 +163,7 @@ def _inconsistent_normals(mesh: Mesh) -> list[str]:
         return []
     a, b = element[same[0]].tolist()
     return [
-        f"normals of neighbouring shells are opposite, for example of elements {a} and {b} (affected common sides: {len(same)}). "
+        f"normals of neighbouring shells are opposite, for example of elements {a} and {b} ({len(same)} such pairs in total). "
         "Upper and lower face, offsets, ply order and pressures depend on the normal. Number the nodes of "
         "all shells in the same direction."
     ]
@@ -304,12 +304,12 @@ def lost(card: str) -> str:
             else message
         )
     if card.endswith(("NLGEOM", "LGDISP", "TYPE=STRESS")):
-        return "the stiffness is that of the unloaded structure, without the preload of this step"
+        return "the stiffness is that of the unloaded structure, without preload or initial stress"
     if card.startswith("ENFORCED DISPLACEMENT"):
         if card.endswith("DISPLACEMENT"):
-            return "the structure is free to move at these nodes"
+            return "nodes with an enforced displacement are free to move"
         return (
-            "the displacement is set to zero, as in a frequency analysis. If the test applies a force at these nodes, set "
+            "the enforced displacement is set to zero, as in a frequency analysis. If the test applies a force there, set "
             "mesh.ignore: [ENFORCED DISPLACEMENT]."
         )
     if card.endswith("INREL"):
@@ -319,7 +319,7 @@ def lost(card: str) -> str:
             "the deck requests lumped mass, but models with shells and beams always use consistent mass, as with "
             "PARAM,COUPMASS,1. In two coarse tet10 meshes, consistent mass changed frequencies by 9 and 23 %."
         )
-    return "the stiffness, mass or tie of the card is missing from the model"
+    return "the stiffness, mass or tie of this card is missing from the model"
 
 
 def _ratio_warnings(mesh: Mesh, material: Material) -> list[str]:
@@ -372,14 +372,13 @@ def _far_references(mesh: Mesh) -> list[str]:
     if not mesh.elements:
         return []
     size = size_of(mesh)
-    of = "elements" if mesh.shells or mesh.beams else "solids"
     warnings = []
     for tie in mesh.ties:
         distance = float(np.linalg.norm(mesh.position[tie.nodes] - mesh.position[tie.reference], axis=1).min())
         if distance > 3 * size:
             warnings.append(
                 f"node {mesh.node_ids[tie.reference]} of {tie} is {distance:.3g} m away from the other nodes of this tie, but "
-                f"the {of} are only {size:.3g} m long. Positions in the config are in m, whatever the unit of the file."
+                f"the mesh is only {size:.3g} m long. Positions in the config are in m, whatever the unit of the file."
             )
     return warnings
 
@@ -401,9 +400,9 @@ def _material_warnings(
             f"{name}: density is {rho:.3g} kg/m³, but metals have at most {LIKELY_DENSITY[1]:g} kg/m³. If the value is a "
             f"specific weight, the density would be {rho / GRAVITY:.4g} kg/m³ (PARAM,WTMASS). Check the deck."
         ]
-    if not warnings and (mixed := mixed_units(E, rho, length_unit, mass_unit, ply)):
+    if not warnings and (advice := mixed_units(E, rho, length_unit, mass_unit, ply)):
         warnings = [
-            f"{name}: Young's modulus is {E:.3g} Pa and density {rho:.4g} kg/m³. {mixed}{f' {remedy}' * in_config}"
+            f"{name}: Young's modulus is {E:.3g} Pa and density {rho:.4g} kg/m³. {advice}{f' {remedy}' * in_config}"
         ]
     if not warnings:
         warnings = _outside(f"{name}: the speed of sound √(E/ρ)", float(np.sqrt(E / rho)), WAVE_SPEED, "m/s", remedy)

@@ -37,13 +37,13 @@ def with_surface_tie(
     if not len(facets.kind):
         raise UserError(
             "no facet of a solid lies in the coarser surface of the tie",
-            remedy="Specify a face of the coarser side (mesh.faces) as `to`.",
+            remedy="Set `to` of mesh.ties to a face (mesh.faces) of the coarser side.",
         )
     nodes = np.setdiff1d(nodes, facets.nodes)
     if not len(nodes):
         raise UserError(
             "all nodes of the finer side already belong to the coarser surface",
-            remedy="Specify the finer side as `set` and the coarser side as `to`.",
+            remedy="In mesh.ties, set `set` to the finer side and `to` to the coarser side.",
         )
     best = np.full(len(nodes), np.inf)
     weight, tied_to = np.zeros((len(nodes), 3, 8, 3)), np.full((len(nodes), 8), -1, dtype=np.int64)
@@ -69,7 +69,8 @@ def with_surface_tie(
     if best[last] > within:
         raise UserError(
             f"node {mesh.node_ids[nodes[last]]} is farther than {within:g} m from the surface of the tie",
-            remedy="Specify only nodes on this surface, or increase `within` [m].",
+            remedy="Specify only nodes on this surface, or increase the tie distance (`within` of mesh.ties, POSITION "
+            "TOLERANCE of *TIE).",
         )
     axes = np.array([mesh.axes.get(node, np.eye(3)) for node in nodes.tolist()]).reshape(-1, 3, 3)
     onto_axes = np.array([mesh.axes.get(node, np.eye(3)) for node in tied_to.ravel().tolist()]).reshape(

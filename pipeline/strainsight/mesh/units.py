@@ -250,7 +250,7 @@ def mixed_units(E: float, rho: float, length_unit: str, mass_unit: str, ply: boo
             words = f"The modulus {e:.4g} appears to be in {unit}{in_ms} ({name}, {meant:.3g} Pa). {here} {meant * L / M:.4g}"
             for other, mass in MASS.items():
                 if _same(mass, factor * L):
-                    return f"{words}. Or instead set mesh.mass_unit: {other} and the density {rho * L**3 / mass:.4g} in the deck."
+                    return f"{words}. Or set mesh.mass_unit to {other}, and the density in the deck to {rho * L**3 / mass:.4g}."
             return f"{words}."
         for unit, factor in DENSITIES.items() if _within(E, modulus) and odd else ():
             if _within(meant := r * factor, density):

@@ -76,7 +76,7 @@ def test_clashing_instance_ids_are_offset(read):
     assert {i: (r.name, r.material) for i, r in mesh.regions.items()} == {1: ("W-1.Body", 1), 2: ("W-2.Body", 1)}
     assert list(mesh.blocks[0].region) == [1, 1, 2, 2]
     assert {tuple(pair) for pair in mesh.fixed.tolist()} == {(5, 0), (6, 0), (7, 0), (3, 1)}
-    assert [n for n in mesh.notes if n.startswith("instance W-2: node ids increased by 10, element ids increased by 10")]
+    assert [n for n in mesh.notes if n.startswith("the node ids of instance W-2 are increased by 10, and the element ids by 10")]
     assert mesh.where("node", 13) == mesh.where("node", 3)
 
 
@@ -195,7 +195,7 @@ test_errors_have_file_and_line = refusal_table(TETRAHEDRON.replace, [
     ("10, 1, 2, 3, 4\n", "", "the data lines are missing", 9),
     ("C3D4", "C3D27", "C3D27 solids are not supported", 9),
     ("C3D4", "M3D4R", "the deck contains no solid, shell or beam elements", "deck.inp"),
-    ("C3D4", "S4R", "contains S4R 10, a shell", 16),
+    ("C3D4", "S4R", "contains S4R 10, to which this section does not", 16),
     (ELEMENT, ELEMENT + "\n*ELEMENT, TYPE=C3D4\n11, 4, 1, 2, 3", "C3D4 11 has no section", 12),
     ("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", "", "C3D4 10 has no section", 10),
     ("MATERIAL=STEEL", "MATERIAL=IRON", "material 'IRON' is not in the deck", 16),

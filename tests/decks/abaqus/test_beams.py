@@ -212,7 +212,7 @@ test_errors_have_file_and_line = refusal_table(changed, [
     (RECT, "SECTION=BOX\n.2, .1, .1, .1, .1, .1\n", r"the dimensions 0\.2, 0\.1, 0\.1, 0\.1, 0\.1, 0\.1 of SECTION=BOX are", 15),
     (RECT, "SECTION=I\n.1, .2, 0., 0., 0., 0., .01\n", "the I section has no flanges", 15),
     ("SECTION=RECT", "SECTION=RECT, NODAL THICKNESS", "tapered sections are not supported", 14),
-    ("*BEAM SECTION, ELSET=BAR", "*SOLID SECTION, ELSET=BAR", "contains B31 10, a beam", 14),
+    ("*BEAM SECTION, ELSET=BAR", "*SOLID SECTION, ELSET=BAR", "contains B31 10, to which this section does not apply", 14),
     ("\n.03\n", "\n-.03\n", "the area is -0.03", 18),
     ("B31, ELSET=BAR\n10, 1, 2", "B33, ELSET=BAR\n10, 1, 2\n*ELEMENT, TYPE=B31, ELSET=BAR\n12, 1, 3", "B31 and B33", 16),
 ])

@@ -183,7 +183,7 @@ def test_material_axes_rotate_with_sector(read, sector, of_all):
     whole = read(wheel(N, PLY, ", ORIENTATION=O{}" if len(of_all) > 1 else sector, more))
     assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
     assert len(ring.regions) == (N if len(of_all) > 1 else 1)
-    assert any("its own region of S1: 'S1 (sector 2)'" in note for note in ring.notes) == (len(of_all) > 1)
+    assert any("copied to each sector, for example 'S1 (sector 2)'" in note for note in ring.notes) == (len(of_all) > 1)
 
 
 def test_sector_sets_and_loads_are_copied(read):
@@ -251,5 +251,5 @@ test_invalid_sectors_are_refused = refusal_table(lambda more: wheel(1, more=more
     (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "number of sectors or the symmetry axis differs from"),
     (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "number of sectors or the symmetry axis differs from"),
     # nodes 2 and 6 of the first cut face
-    (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* coincides with a node of the opposite cut face"),
+    (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* is on a cut face of the sector, but the opposite node"),
 ], placed=False)

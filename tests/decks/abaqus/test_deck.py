@@ -135,7 +135,7 @@ def test_system_applies_to_following_nodes(read, lines, point):
 @pytest.mark.parametrize(
     ("old", "new", "note"),
     [
-        ("2.1e11, .3", "2.1e11, .3, 20.\n1.9e11, .3, 300.", "has 2 lines; the first line is used"),
+        ("2.1e11, .3", "2.1e11, .3, 20.\n1.9e11, .3, 300.", "has 2 data lines of *ELASTIC; the values of the first"),
         ("*DENSITY\n7850.,\n", "", "no *DENSITY"),
         ("*BOUNDARY", "*SURFACE, NAME=CONTACT\n** none\n*BOUNDARY", "surface CONTACT is empty"),
     ],

@@ -183,7 +183,7 @@ def test_unsupported_shell_keywords_are_listed(read):
 test_errors_have_file_and_line = refusal_table(changed, [
     ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
     ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
-    ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 such element\)", 8),
+    ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 such element in total\)", 8),
     (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has a separate orientation 'SKEW', which is not supported", 17),
     (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),
     (QUAD, PLIES.replace("MAT", "STEEL").replace("COMPOSITE", "COMPOSITE, ORIENTATION=O"), "O at .* not supported for", 16),
@@ -191,6 +191,6 @@ test_errors_have_file_and_line = refusal_table(changed, [
     ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=ANISO\n2.1e11, .3", "TYPE=ANISO is not supported: beams", 12),
     ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "variable thickness is not supported", 16),
     ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "this keyword is not supported", 16),
-    ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "contains S4 10, a shell", 16),
+    ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "contains S4 10, to which this section does not", 16),
     (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is not a side or edge of S4 10", 21),
 ])

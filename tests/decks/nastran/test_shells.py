@@ -91,7 +91,7 @@ def test_a_material_system_along_the_normal_is_refused(read):
 
 def test_two_shells_on_the_same_nodes_are_noted(read):
     (note,) = read(FLAT + "CQUAD4,12,1,3,4,1,2\n").doubts
-    assert note.startswith("CQUAD4 12 has the same nodes as CQUAD4 10 (1 duplicate element)")
+    assert note.startswith("CQUAD4 12 has the same nodes as CQUAD4 10 (1 duplicate element in total)")
 
 
 def test_warped_quadrilateral_is_noted_or_refused(read):
@@ -101,8 +101,8 @@ def test_warped_quadrilateral_is_noted_or_refused(read):
     off = np.linalg.svd(x - x.mean(axis=0))[1][2] / 2
     diagonals = np.linalg.norm(x[2] - x[0]), np.linalg.norm(x[3] - x[1])
     (note,) = mesh.notes[1:]
-    assert note.startswith("warped CQUAD4 (1 in total)")
-    assert f"(largest: {off / np.mean(diagonals):.2g}, CQUAD4 10)" in note
+    assert note.startswith("warped shells (1 in total): corners are more than 0.05")
+    assert f"(largest {off / np.mean(diagonals):.2g}, CQUAD4 10)" in note
     assert read(changed("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,.4")).notes[1:] == ()
     with pytest.raises(DeckError, match=r"0\.67 of the mean diagonal off the mean plane \(limit 0\.3\)"):
         read(FLAT.replace("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,3.").replace("GRID,1,,0.,0.,0.", "GRID,1,,0.,0.,3."))

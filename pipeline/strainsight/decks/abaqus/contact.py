@@ -36,7 +36,8 @@ class Pair:
     tied: bool
 
     def __str__(self) -> str:
-        return f"{self.first.name} on {self.second.name}"
+        slave, master = self.first.name, self.second.name
+        return f"{slave} on {master}"
 
 
 def with_contact(
@@ -69,15 +70,15 @@ def with_contact(
         )
     sentences: list[str] = []
     for i, pair in enumerate(pairs):
-        turned = [
+        reversed_pairs = [
             other
             for other, out in zip(pairs[:i], removed_pairs[:i], strict=True)
             if not out and other.first is pair.second and other.second is pair.first
         ]
         if removed_pairs[i]:
             words = "open, because *MODEL CHANGE removes this pair"
-        elif any(other.tied or not pair.tied for other in turned):
-            words = f"already included in the contact of {turned[0]}"
+        elif any(other.tied or not pair.tied for other in reversed_pairs):
+            words = f"already included in the contact of {reversed_pairs[0]}"
         elif pair.tied or choice == "bonded":
             mesh, words = _bond(mesh, pair)
         else:
@@ -136,12 +137,15 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     except UserError:
         tied = 0
     other = pair.second.name
-    left = [f"{plural(shared, 'node')} not bonded, because part of both surfaces"] if shared else []
+    left = [f"{plural(shared, 'node')} not bonded, because they belong to both surfaces"] if shared else []
     dependent = f"{plural(len(nodes) - len(free), 'node')} not bonded, because dependent in another tie or contact"
     left += [dependent] if len(free) < len(nodes) else []
     leading = f"{plural(len(free) - len(able), 'node')} not bonded, because nodes of {other} are tied to them"
     left += [leading] if len(able) < len(free) else []
-    far = f"{plural(len(able) - tied, 'node')} not bonded, because farther than {within:.3g} length units from {other}"
+    far = (
+        f"{plural(len(able) - tied, 'node')} not bonded, because farther than {within:.3g} length units of the deck "
+        f"from {other}"
+    )
     left += [far] if tied < len(able) else []
     second_size = facet_size(mesh, pair.second, pair.first)
     if tied and second_size is not None and second_size > COARSER * size:
@@ -150,8 +154,11 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
         ]
     how = "TIED in the deck" if pair.tied else "mesh.contact: bonded"
     bound = "" if pair.tied or not tied else "; the model is too stiff where the contact may open or slide"
-    count = plural(len(pair.first.nodes), "node")
-    return mesh, f"{tied} of {count} of {pair.first.name} bonded ({how}){''.join(f', {part}' for part in left)}{bound}"
+    count = len(pair.first.nodes)
+    return (
+        mesh,
+        f"{tied} of {count} nodes of {pair.first.name} bonded ({how}){''.join(f', {part}' for part in left)}{bound}",
+    )
 
 
 def following_already(mesh: Mesh) -> IntArray:

@@ -28,7 +28,6 @@ from strainsight.decks.faults import (
     check_elements,
     classify_effects,
     notes_and_doubts,
-    plural,
     spelt,
     turning_nodes,
 )
@@ -262,9 +261,10 @@ def _nodes_with_normals(keywords: Sequence[Keyword]) -> int:
 def _note_reinterpreted(assembly: Assembly) -> list[str]:
     how = {type_: (kind.name, note) for type_, (kind, note) in SOLIDS.items()} | THIN
     return [
-        f"{plural(count, type_ + ' element')} imported as {' '.join(how[type_])}"
+        f"{count} {type_} element{'s' * (count > 1)} imported as {kind} {note}"
         for type_, count in sorted(Counter(assembly.type).items())
-        if type_ in how and how[type_][1]
+        for kind, note in [how.get(type_, ("", ""))]
+        if note
     ]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope, Step
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.faults import ENFORCED, HELD, PRELOAD, plural
+from strainsight.decks.faults import ENFORCED, HELD, plural
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.model import IntArray
 
@@ -42,10 +42,10 @@ def preloads(steps: Sequence[Step]) -> dict[str, list[Keyword]]:
             bent += [step.keyword] if large else []
             loaded |= "STATIC" in inside and "NLGEOM" not in parameters and bool(inside & LOADS)
         elif bent:
-            preload_steps.setdefault(f"{PRELOAD} by {LARGE}", []).extend(bent)
+            preload_steps.setdefault("PRELOAD by *STEP, NLGEOM", []).extend(bent)
             bent = []
         elif loaded and "PERTURBATION" in parameters and "NLGEOM" not in parameters:
-            preload_steps.setdefault(f"{PRELOAD} by *STEP, PERTURBATION", []).append(step.keyword)
+            preload_steps.setdefault("PRELOAD by *STEP, PERTURBATION", []).append(step.keyword)
     return preload_steps | ({LARGE: bent} if bent else {})
 
 

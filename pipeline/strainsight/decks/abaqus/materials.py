@@ -213,9 +213,9 @@ def _density(definition: Definition, notes: list[str], lines: int = 1) -> float:
     for keyword in (elastic, density):
         each = lines if keyword is elastic else 1
         if keyword is not None and len(keyword.texts) > each:
-            counts = "the first line is used" if each == 1 else f"the first {each} lines are used"
             notes.append(
-                f"material {name}: {keyword.title} has {len(keyword.texts)} lines; {counts}, for all temperatures"
+                f"material {name} has {len(keyword.texts)} data lines of {keyword.title}; the values of the first "
+                "temperature are used for all temperatures"
             )
     return rho
 
@@ -262,8 +262,8 @@ def _values(elastic: Keyword, rows: list[Row], names: tuple[str, ...] | list[str
     """Values of the constants `names`, eight a line."""
     if len(rows) < -(-len(names) // 8):
         raise elastic.error(
-            f"found {len(rows)} of {-(-len(names) // 8)} data lines for {len(names)} constants (eight per line)",
-            f"write all {len(names)} constants in the order {', '.join(names[:4])}, … {names[-1]}",
+            f"{len(names)} constants are required, eight on each data line, but the number of data lines is {len(rows)}",
+            f"write the constants in the order {', '.join(names)}",
         )
     return np.array([rows[k // 8].real(k % 8, name) for k, name in enumerate(names)])
 
@@ -351,7 +351,7 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     moved = CoordinateSystem(kind, scope.rotation @ origin + scope.translation, scope.rotation @ axes)
     if len(rows) < 2:
         return SolidAxes(Orientation(moved, np.eye(3)), None, orientation.where)
-    about = rows[1].integer(0, "the rotation axis", 1)
+    about = rows[1].integer(0, "the rotation axis of the *ORIENTATION", 1)
     if about not in (1, 2, 3):
         raise rows[1].error(
             f"the rotation axis of the *ORIENTATION is {about}, not 1, 2 or 3", "correct the first entry of this line"

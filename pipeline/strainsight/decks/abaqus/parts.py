@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from strainsight.decks.abaqus.text import Keyword, Row, integers, split
-from strainsight.decks.faults import check_once, plural
+from strainsight.decks.faults import check_once
 from strainsight.decks.text import describe_non_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
@@ -22,7 +22,7 @@ USUAL = ", ".join(next(iter(kind.abaqus)) for kind in ELEMENTS if kind.abaqus)
 REDUCED = "with full integration: reduced integration and hourglass control are not reproduced"
 SHELLS = {
     **dict.fromkeys(("S3", "S3R"), ("tri3", "")),
-    "STRI3": ("tri3", "with transverse shear"),
+    "STRI3": ("tri3", "with transverse shear deformation"),
     "S4": ("quad4", ""),
     **dict.fromkeys(("S4R", "S4R5"), ("quad4", REDUCED)),
     **dict.fromkeys(("STRI65", "S6"), ("tri6", "")),
@@ -65,10 +65,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     missing node and unsupported solids."""
     type_ = keyword.needs("TYPE").upper()
     if type_ not in SOLIDS and type_.startswith("C3D"):
-        raise keyword.error(
-            f"{type_} solids are not supported (this *ELEMENT has {plural(len(keyword.texts), 'data line')})",
-            f"use {FAMILIES} ({USUAL})",
-        )
+        raise keyword.error(f"{type_} solids are not supported", f"use {FAMILIES} ({USUAL})")
     if not keyword.texts:
         keyword.rows()
     kind = SOLIDS[type_][0] if type_ in SOLIDS else None
@@ -134,11 +131,11 @@ def _wrong_count_error(keyword: Keyword, counts: IntArray, width: int, type_: st
 
 def _invalid_id_error(keyword: Keyword) -> DeckError:
     for row in keyword.rows():
-        for i, entry in enumerate(keyword.texts[row.i].rstrip(", \t").split(",")):
-            if parse_integer(entry.strip()) is None:
-                return row.error(
-                    f"entry {i + 1} {describe_non_integer(entry.strip())}", "write element id and node ids as integers"
-                )
+        tokens = keyword.texts[row.i].rstrip(", \t").split(",")
+        for number, token in enumerate(map(str.strip, tokens), start=1):
+            if parse_integer(token) is None:
+                fault = describe_non_integer(token)
+                return row.error(f"entry {number} {fault}", "write element id and node ids as integers")
     raise AssertionError("internal error: the entry that is not an integer was not found")
 
 
@@ -280,7 +277,7 @@ def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
         z = normal(x, rows[1].reals(3, "a coordinate") - origin)
     elif abs(x[2]) > 1e-9 * np.linalg.norm(x):
         raise rows[0].error(
-            "points a and b have different z coordinates, so point c is required",
+            "points a and b of the coordinate system have different z coordinates, so point c is required",
             "add a second line with the coordinates of point c",
         )
     else:
@@ -292,7 +289,7 @@ def orthonormal(x: FloatArray, z: FloatArray, row: Row) -> FloatArray:
     """Axes x, z × x, z of length one as columns (3, 3); DeckError if one of them is zero."""
     lengths = np.linalg.norm(x), np.linalg.norm(z)
     if not min(lengths) > 0:
-        raise row.error("the points are on one line and define no axes", "specify points that are not on one line")
+        raise row.error("the points that define the axes are on one line", "specify points that are not on one line")
     x, z = x / lengths[0], z / lengths[1]
     return np.column_stack([x, np.cross(z, x), z])
 

@@ -265,7 +265,8 @@ class Assembly:
         within, name = self.split_name(entry, scope)
         number = parse_integer(name)
         if number is None and is_whole(name):
-            raise row.error(f"the {kind.lower()} id {describe_non_integer(name)}")
+            fault = describe_non_integer(name)
+            raise row.error(f"the {kind.lower()} id {fault}")
         if number is not None:
             rows, missing = self._numbered(kind, np.array([number]), within)
             if missing[0]:
@@ -327,7 +328,7 @@ class Assembly:
             if parse_integer(name) is None:
                 if f"{within.name}.{name.upper()}" in above:
                     raise row.error(
-                        f"set {entry!r} contains itself, directly or through another set",
+                        f"{kind.lower()} set {entry!r} contains itself, directly or through another set",
                         f"remove {entry!r} from this line",
                     )
                 self._set(kind, name.upper(), within, above)
@@ -339,7 +340,10 @@ class Assembly:
         parts = [np.zeros(0, dtype=np.int64)]
         lost = 0
         for row in keyword.rows():
-            low, high = row.integer(0, "the first id"), row.integer(1, "the last id", row.integer(0, "the first id"))
+            low, high = (
+                row.integer(0, "the first id of the range"),
+                row.integer(1, "the last id of the range", row.integer(0, "the first id of the range")),
+            )
             step = row.integer(2, "the increment", 1) or 1
             if high < low or step < 0:
                 raise row.error(
@@ -401,10 +405,12 @@ def _join_scopes(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tu
     ]
     offsets = _offsets([scope.part.nodes.ids for scope in every]), _offsets([s.part.elements.ids for s in every])
     for scope, *by in zip(every, *offsets, strict=True):
-        shifts = [f"{what} ids increased by {more}" for what, more in zip(("node", "element"), by, strict=True) if more]
-        if shifts and scope.part.nodes.ids.size:
+        if any(by) and scope.part.nodes.ids.size:
             owner = f"instance {scope.name}" if scope.name else "the assembly"
-            notes.append(f"{owner}: {', '.join(shifts)}, because several instances have the same ids")
+            notes.append(
+                f"the node ids of {owner} are increased by {by[0]}, and the element ids by {by[1]}, because several "
+                "instances have the same ids"
+            )
     assembly = Assembly(
         scopes=scopes,
         node_ids=concatenate(scope.part.nodes.ids + by for scope, by in zip(every, offsets[0], strict=True)),

@@ -112,7 +112,7 @@ def section_constants(
     if rho is None or rho < 0:
         raise keyword.error(f"DENSITY={density} is not a valid density", "specify a positive density")
     if not density:
-        notes.append(f"{keyword.where}: {keyword.title} has no DENSITY, so the density is set to 0")
+        notes.append(f"{keyword.where}: the *BEAM GENERAL SECTION has no DENSITY, so the density is set to 0")
     return section, E, nu, rho
 
 

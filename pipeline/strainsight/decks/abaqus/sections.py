@@ -116,8 +116,8 @@ def _check_family(assembly: Assembly, keyword: Keyword, rows: IntArray) -> None:
     if other.size:
         row = int(other[0])
         raise keyword.error(
-            f"the element set contains {assembly.element(row)}, a {'truss' if family[row] == 'rod' else family[row]} "
-            f"({plural(other.size, 'such element')})",
+            f"the element set contains {assembly.element(row)}, to which this section does not apply "
+            f"({plural(other.size, 'such element')} in total)",
             f"remove these elements from the element set, and add a {WANTED[str(family[row])]} for them",
         )
 
@@ -181,7 +181,9 @@ def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
     """Area of the trusses of a *SOLID SECTION, 1 by default."""
     rows = keyword.rows(needed=False)
     if not rows or not rows[0].text(0):
-        notes.append(f"{keyword.where}: {keyword.title} has no truss area, so the area is set to 1, as in Abaqus")
+        notes.append(
+            f"{keyword.where}: the *SOLID SECTION of trusses has no area, so the area is set to 1, as in Abaqus"
+        )
         return BeamSection(1.0)
     return BeamSection(rows[0].positive(0, "the area"))
 
@@ -197,7 +199,7 @@ def _handle_without_section(
     if solid.size and materials_required:
         raise assembly.element_error(
             int(solid[0]),
-            f"has no section ({plural(solid.size, 'such element')})",
+            f"has no section ({plural(solid.size, 'such element')} in total)",
             f"add a *SOLID SECTION for the element set of these elements, with a material{OR_CONFIG}",
         )
     if solid.size:
@@ -209,7 +211,7 @@ def _handle_without_section(
         row = int(thin[0])
         raise assembly.element_error(
             row,
-            f"has no section ({plural(thin.size, 'such element')})",
+            f"has no section ({plural(thin.size, 'such element')} in total)",
             f"add a {WANTED[str(family[row])]} for the element set of these elements, or leave these elements out (mesh.ignore: "
             f"[{assembly.type[row]}])",
         )

@@ -307,7 +307,7 @@ def _term(assembly: Assembly, scope: Scope, row: Row, at: int) -> Term:
     nodes = assembly.node_rows(row.text(at), scope, row)
     if not nodes.size:
         raise row.error(
-            f"node set {row.text(at)!r} is empty", "add nodes to the set, or remove the term from the equation"
+            f"node set {row.text(at)!r} is empty", "add nodes to this node set, or remove the term from the equation"
         )
     if len(nodes) > 1 and _unsorted(assembly, row.text(at), scope):
         raise row.error(

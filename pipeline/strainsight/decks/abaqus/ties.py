@@ -52,7 +52,7 @@ class Ties:
         rows = self.surfaces.assembly.node_rows(keyword.needs(parameter), scope, keyword)
         if len(rows) != 1:
             raise keyword.error(
-                f"{parameter}={keyword.parameters[parameter.replace(' ', '')]} refers to {plural(len(rows), 'node')}",
+                f"{parameter}={keyword.parameters[parameter.replace(' ', '')]} refers to {len(rows)} nodes instead of one",
                 "specify exactly one node",
             )
         return int(rows[0])
@@ -260,11 +260,11 @@ def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, 
                 mesh, tied = following(mesh, row, first.nodes, second.nodes, within, name)
             except UserError as error:
                 raise row.error(error.what, error.remedy or "") from None
-            left = len(np.setdiff1d(first.nodes, second.nodes)) - tied
+            untied = len(np.setdiff1d(first.nodes, second.nodes)) - tied
             message = f"{row.where}: {plural(tied, 'node')} of {first.name} tied to {second.name} ({name})"
-            if left:
+            if untied:
                 reach = f"{within:.3g} length units of the deck from {second.name}"
-                off = f"{left} of {plural(tied + left, 'node')} not tied, because farther than {reach}"
+                off = f"{untied} of {tied + untied} nodes not tied, because farther than {reach}"
                 ways = "increase POSITION TOLERANCE of *TIE, or tie the nodes in the config (mesh.ties, type: surface)"
                 message = Doubt(f"{message}; {off}: {ways}")
             assembly.notes.append(message)
@@ -342,7 +342,7 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
         f"Node and element ids of sector k are those of the sector in the deck + (k - 1) × {ring.shift}; "
         f"{merged} nodes on the sector faces and on the axis are merged"
         + f", {loose} are tied to facets of the opposite sector face" * bool(loose)
-        + (f". Each sector has its own region of {', '.join(names)}: '{names[0]} (sector 2)'" if names else "")
+        + (f". Regions are copied to each sector, for example '{names[0]} (sector 2)'" if names else "")
         + ". Sets and loads of the deck apply to all sectors; the new sets SECTOR-1, SECTOR-2, … contain one sector each"
     )
     return mesh_with_loose, replace(surfaces, by_name=whole)

@@ -114,7 +114,9 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
             "mesh with tetrahedra, hexahedra or wedges of first or second order",
         )
     if isinstance(error, ModuleNotFoundError):
-        return error_at(path, f"reading {name} requires the package {error.name}", f"install the package, or {INSTEAD}")
+        return error_at(
+            path, f"reading {name} files requires the Python package {error.name}", f"install the package, or {INSTEAD}"
+        )
     if isinstance(error, MemoryError):
         return error_at(
             path,
@@ -122,8 +124,8 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
             INSTEAD,
         )
     reason = " ".join((printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}").split())
-    reason = re.sub(r" ?Error: Couldn't read file .*", "", reason) or "the content has another format or is damaged"
-    return error_at(path, f"the file cannot be read as {name}: {reason[:300]}", INSTEAD)
+    reason = re.sub(r" ?Error: Couldn't read file\s.*", "", reason) or "the content has another format or is damaged"
+    return error_at(path, f"the file cannot be read as {name} ({reason[:300]})", INSTEAD)
 
 
 def _check_file(path: Path, name: str) -> tuple[str, ...]:
@@ -150,7 +152,7 @@ def _check_file(path: Path, name: str) -> tuple[str, ...]:
         elif name in HDF5:
             check_hdf5(path)
     except (OSError, ElementTree.ParseError, ValueError) as error:
-        raise error_at(path, f"the file cannot be read as {name}: {error}", INSTEAD) from None
+        raise error_at(path, f"the file cannot be read as {name} ({error})", INSTEAD) from None
     return ()
 
 

@@ -15,7 +15,6 @@ from strainsight.decks.text import error_at
 from strainsight.mesh.assigned_sections import (
     LINE,
     LINE3,
-    SHELLS,
     GivenSection,
     Groups,
     SectionsByGroup,
@@ -183,7 +182,7 @@ class Cells:
             if block.type not in THIN:
                 raise error_at(
                     self.path,
-                    f"the cell type {block.type} cannot have a section from mesh.sections ({plural(int(inside.sum()), 'cell')})",
+                    f"a region of mesh.sections has cells of type {block.type}, which cannot have a section",
                     f"mesh the regions of mesh.sections with {', '.join(THIN)}",
                 )
             nodes = np.asarray(block.data, np.int64)[inside]
@@ -324,7 +323,7 @@ def _solids(raw: Any, path: str, required: bool) -> list[int]:
     if not supported and required:
         shown = ", ".join(plural(len(block.data), block.type + " cell") for block in raw.cells) or "no cells"
         what = f"the mesh contains no solid elements ({shown})"
-        raise error_at(path, what, f"Mesh in three dimensions. {SHELLS}")
+        raise error_at(path, what, "mesh in three dimensions, or specify sections of shells and beams in mesh.sections")
     return supported
 
 
@@ -347,9 +346,7 @@ def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatA
     nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
     if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
         nodes = in_order(nodes, kind.mirrored)
-        notes.append(
-            f"{plural(len(nodes), kind.name + ' element')} had a left-handed node order in the file (format {form}); corrected"
-        )
+        notes.append(f"{kind.name} elements had a left-handed node order in the file (format {form}); corrected")
     return nodes
 
 

@@ -22,7 +22,7 @@ Split = tuple[tuple[str, FloatArray], ...]
 Values = tuple[FloatArray, FloatArray]
 """Shape functions: N_a (q, k) [-] and ∂N_a/∂ξ_d (q, k, d) [-]."""
 
-HYBRID = "without the pressure unknown of hybrid elements"
+HYBRID = "without the pressure degree of freedom of hybrid elements"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
