@@ -218,7 +218,7 @@ def test_redundant_joints_are_named_with_what_they_follow_from():
 def test_constraint_that_nothing_can_change_is_named():
     idle = Joint("idle", (dot(frame("wall", None), 0, frame("floor", None), 1),))
     system = assemble([BALL], [idle])
-    with pytest.raises(InfeasibleError, match=r"idle: x axis of wall · y axis of floor: no motion of a body changes"):
+    with pytest.raises(InfeasibleError, match="changes the constraint 'idle: x axis of wall · y axis of floor' at"):
         project_position(system, state(system, {})[0])
 
 

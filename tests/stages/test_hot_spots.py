@@ -156,8 +156,9 @@ def test_each_note_has_its_number_and_its_limit():
     assert quiet == ""
     for number in ("8.1 % over one standard deviation of the gauge position (limit 5 %)", "by 25 % along", "grid (limit 20 %)"):
         assert number in steep_one
-    assert tight_one == "check access: 12 mm of free height (limit 60 mm)"
-    assert sensor == "check access: 60 mm of free height (limit 60 mm), and the face at (0, 0, 0) m is supported at 4 bores"
+    assert tight_one == "check access: free height above the gauge 12 mm (limit 60 mm)"
+    room = "free height above the gauge 60 mm (limit 60 mm)"
+    assert sensor == f"check access: {room}, and the face at (0, 0, 0) m is supported at 4 bores"
     assert notes_at_gauges(replace(NOTED, room=np.full(4, np.inf)), 4)[2] == ""
 
 

@@ -225,7 +225,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         )
     if unconstrained:
         raise InfeasibleError(
-            f"{'; '.join(unconstrained)}: no motion of a body changes this constraint at these positions of the bodies",
+            f"no motion of a body changes the constraint '{'; '.join(unconstrained)}' at these positions of the bodies",
             remedy="remove the constraint, or rotate the axes of a frame of the joint",
         )
     B = B / norms[:, None]

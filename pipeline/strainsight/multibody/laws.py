@@ -334,7 +334,7 @@ class TurningGravity:
 def turning_gravity(name: str, bodies: Sequence[Body], acceleration: np.ndarray, axis: np.ndarray) -> RelativeElement:
     """Gravity of a bench that is slowly rotated about an axis; its rotation has no other effect."""
     weights = [
-        Relation(f"gravity {name} on body {body.name}", (constant(e),), (mass_moment(body),))
+        Relation(f"weight of body {body.name}", (constant(e),), (mass_moment(body),))
         for body in bodies
         for e in np.eye(3)
     ]

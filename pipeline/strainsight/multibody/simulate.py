@@ -309,7 +309,8 @@ def _step(
             factors = None  # of a bench that has moved on since
         before = moved
     raise NumericalError(
-        f"the time step of {h:g} s of the simulated test does not converge", remedy="reduce estimate.truth.step"
+        f"Newton's iteration of the simulated test does not converge with the time step of {h:g} s",
+        remedy="reduce estimate.truth.step",
     )
 
 

@@ -177,7 +177,7 @@ def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
 
 
 REASONS = {
-    iteration.INFINITE: "a coordinate is not finite",
+    iteration.INFINITE: "a coordinate of a body is not finite",
     iteration.SINGULAR: "the matrix of the time step is singular",
     iteration.ENDLESS: "Newton's iteration does not converge",
 }

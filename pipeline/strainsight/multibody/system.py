@@ -160,9 +160,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
         else:
             # g·∫ρ p, whose negative is the potential of the weight
             pull = (constant(force.acceleration),)
-            relations += [
-                Relation(f"gravity {force.name} on body {body.name}", pull, (mass_moment(body),)) for body in bodies
-            ]
+            relations += [Relation(f"weight of body {body.name}", pull, (mass_moment(body),)) for body in bodies]
         weights += [-1.0 if isinstance(force, Gravity) else 0.0] * (len(relations) - first)
 
     _check_carried(relations, bodies)

@@ -309,7 +309,7 @@ class AtGauges:
 
     def access(self, i: int) -> tuple[str, ...]:
         """Reasons to check the access at gauge i: free height, or contact face; empty without one."""
-        room = f"{1e3 * self.room[i]:.2g} mm of free height (limit {1e3 * self.room_limit:.2g} mm)"
+        room = f"free height above the gauge {1e3 * self.room[i]:.2g} mm (limit {1e3 * self.room_limit:.2g} mm)"
         return (*[room] * bool(self.room[i] <= self.room_limit), *filter(None, [self.lies_on[i]]))
 
     def access_in_words(self, i: int) -> str:

@@ -141,7 +141,7 @@ def _fields(kind: Any) -> dict[str, tuple[FieldPlace, _Kind]]:
         }
         for name, data in places.items():
             known = _kind(hints[name], data["through"], data["by"])
-            path = f"/{name}/{NAME}" if known.named else f"/{name}"
+            path = f"/{name}" + f"/{NAME}" * known.named
             fields[name] = replace(data["place"], path=path if data["path"] is None else data["path"]), known
         _KNOWN[kind] = fields
     return _KNOWN[kind]

@@ -86,7 +86,7 @@ class CaseRows:
     excitation: tuple[str, ...] = dataset("1", "check", "excitation of every observability check")
     condition: np.ndarray = dataset("1", "check", "condition number of the scaled observability (PBH) matrix at λ = 0")
     condition_raw: np.ndarray = dataset(
-        "1", "case", "condition number of the unscaled observability (PBH) matrix at λ = 0; depends on units"
+        "1", "check", "condition number of the unscaled observability (PBH) matrix at λ = 0; depends on units"
     )
 
 

@@ -253,7 +253,9 @@ class Clearance:
 
     distance: float = dataset("m", "", "applied clearance of gauge centres from edges, supports and loads; 0: none")
     wanted: float = dataset("m", "", "required clearance; if the part is too small, the applied clearance is smaller")
-    rule: str = dataset("1", "", "origin of the clearance: stated (config) or carrier (default of the gauge carrier)")
+    rule: str = dataset(
+        "1", "", "origin of the clearance: stated (in the config) or carrier (default for the carrier of the gauge)"
+    )
     near: dict[str, int] = dataset(
         "1",
         "",
@@ -267,7 +269,7 @@ class Screened:
     """screen.h5."""
 
     kept: np.ndarray = dataset(
-        "1", "pool gauge", "numbers of the candidate gauges that pass the screening, in ascending order"
+        "1", "screened gauge", "numbers of the candidate gauges that pass the screening, in ascending order"
     )
     snr: np.ndarray = dataset(
         "1",

@@ -90,7 +90,7 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
             (surface.twice, f"duplicate bridges omitted (same bridge from the opposite side): {surface.twice}"),
             (
                 len(surface.empty),
-                f"no surface facet in {', '.join(surface.empty)}: specify the zone in metres, in deck coordinates",
+                f"no surface facet in the zone {', '.join(surface.empty)}: specify the zone in metres, in deck coordinates",
             ),
         )
         parts += [text for count, text in notes if count]
