@@ -294,7 +294,7 @@ class AtGauges:
     def steep_in_words(self, i: int) -> str:
         """Warning of a steep gradient at gauge i, with value and limit; empty below the limits."""
         changes = [
-            f"{what} {100 * value:.2g} % (limit {100 * limit:.2g} %)"
+            f"{100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
             for value, limit, what in (
                 (
                     self.in_place[i],
