@@ -165,12 +165,18 @@ def test_projection_of_the_velocity_is_the_nearest_in_kinetic_energy_of_the_scal
 def test_run_from_an_inconsistent_state_is_refused_by_name():
     system = assemble([BALL], [spherical("joint", frame("wall", None), frame("end", "ball"))])
     for pose, told in (
-        (Pose(np.array([0, 0.1, 0])), "residual 0.1 in joint: global y position of end relative to wall"),
+        (
+            Pose(np.array([0, 0.1, 0])),
+            "residual 0.1 in the position constraint 'joint: global y position of end relative to wall'",
+        ),
         (
             Pose(velocity=np.array([0, 0, 2.0])),
-            "residual 2 in the time derivative of joint: global z position of end relative to wall",
+            "residual 2 in the velocity constraint 'joint: global z position of end relative to wall'",
         ),
-        (Pose(rotation=np.diag([1.0, 1.0, 1.2])), "residual 0.44 in body ball: z axis · z axis of the body frame"),
+        (
+            Pose(rotation=np.diag([1.0, 1.0, 1.2])),
+            "residual 0.44 in the position constraint 'z axis · z axis of the frame of body ball'",
+        ),
     ):
         with pytest.raises(InfeasibleError, match=told):
             simulate(system, *state(system, {"ball": pose}), np.zeros((2, 0)), 0.01, np.zeros(0))
@@ -212,7 +218,7 @@ def test_redundant_joints_are_named_with_what_they_follow_from():
 def test_constraint_that_nothing_can_change_is_named():
     idle = Joint("idle", (dot(frame("wall", None), 0, frame("floor", None), 1),))
     system = assemble([BALL], [idle])
-    with pytest.raises(InfeasibleError, match=r"idle: x axis of wall · y axis of floor: no motion of a body changes"):
+    with pytest.raises(InfeasibleError, match="changes the constraint 'idle: x axis of wall · y axis of floor' at"):
         project_position(system, state(system, {})[0])
 
 
@@ -228,7 +234,7 @@ def test_motion_without_mass_is_named():
 def test_disproportionate_inertia_is_named():
     planet = RigidBody("planet", 1e30, np.zeros(3), 1e30 * np.eye(3))
     system = assemble([BALL, planet], [spherical("joint", frame("wall", None), frame("end", "ball"))])
-    with pytest.raises(InfeasibleError, match="the inertia of body planet is too large compared with the rest"):
+    with pytest.raises(InfeasibleError, match=r"the inertia of body planet is about \de\+\d+ times the smallest inertia"):
         project_position(system, state(system, {})[0])
 
 

@@ -85,9 +85,9 @@ def test_units_names_and_labels_of_axes_are_those_of_the_fields():
 
 
 def test_inconsistent_lengths_are_not_written():
-    with pytest.raises(ValueError, match=r"/strain has length 3 along '/time', but /time has 4"):
+    with pytest.raises(ValueError, match=r"/strain has length 3 along the axis '/time', but /time has 4"):
         written(run_of(strain=np.ones((3, 2))), UNITS)
-    with pytest.raises(ValueError, match=r"/direction has length 2 along '3', but its definition has 3"):
+    with pytest.raises(ValueError, match=r"/direction has length 2 along the axis '3', but its definition has 3"):
         written(run_of(direction=np.ones((2, 2))), UNITS)
     with pytest.raises(ValueError, match=r"/strain has the shape \(4,\) instead of \("):
         written(run_of(strain=np.ones(4)), UNITS)
@@ -99,7 +99,7 @@ def test_inconsistent_lengths_in_file_are_reported_on_reading(tmp_path):
     datasets = written(run_of(), UNITS) | {"/direction": Dataset(np.eye(3), "1", "one too many")}
     found = read(Run, stored(tmp_path, datasets))
     assert found.strain.shape == (4, 2)
-    with pytest.raises(ArtefactError, match="/direction has length 3 along 'channel', but /strain has 2"):
+    with pytest.raises(ArtefactError, match="/direction has length 3 along the axis 'channel', but /strain has 2"):
         _ = found.direction
 
 

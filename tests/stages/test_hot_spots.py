@@ -154,10 +154,11 @@ NOTED = AtGauges(
 def test_each_note_has_its_number_and_its_limit():
     quiet, steep_one, tight_one, sensor = notes_at_gauges(NOTED, 4)
     assert quiet == ""
-    for number in ("8.1 % over one standard deviation of the gauge position (limit 5 %)", "by 25 % along", "grid (limit 20 %)"):
-        assert number in steep_one
-    assert tight_one == "check access: 12 mm of free height (limit 60 mm)"
-    assert sensor == "check access: 60 mm of free height (limit 60 mm), and the face at (0, 0, 0) m is supported at 4 bores"
+    in_place = "8.1 % strain change over one standard deviation of the gauge position (limit 5 %)"
+    assert steep_one == f"steep gradient: {in_place} and 25 % strain change along the measuring grid (limit 20 %)"
+    assert tight_one == "check access: free height above the gauge 12 mm (limit 60 mm)"
+    room = "free height above the gauge 60 mm (limit 60 mm)"
+    assert sensor == f"check access: {room}, and the face at (0, 0, 0) m is supported at 4 bores"
     assert notes_at_gauges(replace(NOTED, room=np.full(4, np.inf)), 4)[2] == ""
 
 

@@ -219,5 +219,5 @@ def test_a_bonded_gauge_in_a_loud_place_leaves_the_noise_of_others(youngs):
 def test_a_zone_in_the_wrong_unit_is_noticed(youngs):
     """A box in millimetres takes no facet of a beam of two metres."""
     train = youngs("gauges.exclude=[{box: [[500, -100, -100], [600, 100, 100]]}]", until="train")["train"]
-    assert "no surface facet in gauges.exclude.0" in train.message
+    assert "no surface facet in the zone gauges.exclude.0" in train.message
     assert "in metres" in train.message

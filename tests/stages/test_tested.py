@@ -136,7 +136,7 @@ def test_the_field_is_that_of_the_test_and_reports_it(project, found):
         return view_of(job.model, ("import", "place"), job.folder, "own.yaml", "field", **asked)[0]
 
     shown = view()
-    assert shown.title == "test: estimate of the test shaken.csv"
+    assert shown.title == "test: estimate from the test shaken.csv"
     stress = found["/VTKHDF/CellData/von_mises"]
     assert shown.panels[0].values.max() == pytest.approx(stress.max() / 1e6, rel=1e-6)
     time = found["/VTKHDF/Steps/Values"]

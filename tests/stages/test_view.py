@@ -185,7 +185,7 @@ def test_a_training_run_is_shown_at_its_largest_strain_energy(strain, artefacts)
     q, K = artefacts["train"]["/coordinate"], read(Reduced, artefacts["rom"]).model
     K = K.stiffness.at(K.reference)
     k = max(range(len(q)), key=lambda i: q[i] @ K @ q[i])
-    assert run.title == f"simulated training simulation, t = {artefacts['train']['/time'][k]:.4g} s"
+    assert run.title == f"training simulation, t = {artefacts['train']['/time'][k]:.4g} s"
     grid = pv.read(artefacts["import"].path.with_suffix(".vtkhdf"))
     u = (artefacts["rom"]["/basis"] @ q[k]).reshape(-1, 3)
     for i in facets_of(run.values):

@@ -111,8 +111,8 @@ class RigidBody:
         least = float(np.linalg.eigvalsh(central)[0])
         if least < -1e-9 * max(float(np.trace(self.second)), np.finfo(float).tiny):
             raise InfeasibleError(
-                f"body {self.name}: no mass distribution has this inertia "
-                f"(least second moment of mass about the centre of mass {least:.3g} kg m²)",
+                f"body {self.name}: no mass distribution has this inertia, because the second moment of mass in one "
+                f"direction through the centre of mass is negative ({least:.3g} kg m²)",
                 remedy="specify the inertia about the origin of the body, not about the centre of mass; any two principal "
                 "moments of inertia together must exceed the third moment",
             )

@@ -114,7 +114,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
     violation = np.abs(phi) * unit_rows(B, 1 / d)[1] / np.linalg.norm(d * q)
     if np.max(violation) > 1e-9:
         worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
-        listed = "; ".join(f"residual {phi[i]:.3g} in {system.constraints[i]}" for i in worst)
+        listed = "; ".join(f"residual {phi[i]:.3g} in the position constraint '{system.constraints[i]}'" for i in worst)
         raise InfeasibleError(
             f"the joints cannot all be satisfied near these positions of the bodies: {listed}",
             remedy="correct the positions of the frames of the joints, or set poses of the bodies closer to the assembled bench",
@@ -187,12 +187,14 @@ def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray
     if not len(phi):
         return
     s = unit_rows(B, 1 / d)[1]
-    for what, off, whole in (("", phi, d * q), ("the time derivative of ", B @ v + rate, d * v)):
+    for what, off, whole in (("position", phi, d * q), ("velocity", B @ v + rate, d * v)):
         share = np.abs(off) * s / max(float(np.linalg.norm(whole)), TINY)
         worst = np.argsort(-share)[:3]
         if share[worst[0]] > CONSISTENT:
             listed = "; ".join(
-                f"residual {off[i]:.3g} in {what}{system.constraints[i]}" for i in worst if share[i] > CONSISTENT
+                f"residual {off[i]:.3g} in the {what} constraint '{system.constraints[i]}'"
+                for i in worst
+                if share[i] > CONSISTENT
             )
             raise InfeasibleError(
                 f"the state does not satisfy the joints: {listed}",
@@ -217,13 +219,13 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         # a body's rigidity always changes with its coordinates: only its weight in the metric can hide that
         body = [b.name for b in system.bodies if b.moves][heavy[0] // 6]
         raise InfeasibleError(
-            f"the inertia of body {body} is too large compared with the rest of the system (square root of the ratio to the "
-            f"smallest inertia: {norms.max() / norms[heavy[0]]:.1e})",
+            f"the inertia of body {body} is about {(norms.max() / norms[heavy[0]]) ** 2:.0e} times the smallest inertia of the "
+            "bench: too large to solve the constraints",
             remedy="check the masses [kg] and moments of inertia [kg m²] of the bodies",
         )
     if unconstrained:
         raise InfeasibleError(
-            f"{'; '.join(unconstrained)}: no motion of a body changes this constraint at these positions of the bodies",
+            f"no motion of a body changes the constraint '{'; '.join(unconstrained)}' at these positions of the bodies",
             remedy="remove the constraint, or rotate the axes of a frame of the joint",
         )
     B = B / norms[:, None]
@@ -257,9 +259,9 @@ def _dependence(system: System, T: np.ndarray, order: np.ndarray, rank: int) -> 
     dependent = []
     for k, share in zip(order[rank:], shares.T, strict=True):
         others = [names[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > 1e-6][:4]
-        dependent.append(f"{names[k]} follows from {', '.join(others) or 'the rigidity of the bodies'}")
+        dependent.append(f"'{names[k]}' follows from {', '.join(others) or 'the rigidity of the bodies'}")
     listed = "; ".join(dependent[:6])
-    return f"{len(dependent)} of {len(names)} constraints are redundant at these positions of the bodies: {listed}"
+    return f"{len(dependent)} of {len(names)} constraints are redundant at these positions of the bodies ({listed})"
 
 
 ITERATIONS = 200

@@ -265,7 +265,9 @@ def _components(frame: Frame, direction: np.ndarray) -> tuple[Relation, ...]:
         for vector in ([a.c for a in axes], [a.C for a in axes])
     )
     along = Carried(frame.body, 0.0, np.asarray(c), np.asarray(C))
-    return tuple(Relation(f"axis of {frame.name}", (constant(e),), (along,)) for e in np.eye(3))
+    return tuple(
+        Relation(f"direction of the load in the axes of {frame.name}", (constant(e),), (along,)) for e in np.eye(3)
+    )
 
 
 def regular_friction(rate: float, coulomb: float, viscous: float, speed: float) -> tuple[float, float, float]:
@@ -332,7 +334,9 @@ class TurningGravity:
 def turning_gravity(name: str, bodies: Sequence[Body], acceleration: np.ndarray, axis: np.ndarray) -> RelativeElement:
     """Gravity of a bench that is slowly rotated about an axis; its rotation has no other effect."""
     weights = [
-        Relation(f"{name} on {body.name}", (constant(e),), (mass_moment(body),)) for body in bodies for e in np.eye(3)
+        Relation(f"weight of body {body.name}", (constant(e),), (mass_moment(body),))
+        for body in bodies
+        for e in np.eye(3)
     ]
     return RelativeElement(name, tuple(weights), TurningGravity(acceleration, axis), inputs=(name,))
 

@@ -39,7 +39,10 @@ def position_sensor(name: str, frame: Frame, rate: bool = False) -> RelationSens
 
 def axis_sensor(name: str, frame: Frame, k: int) -> RelationSensor:
     """Axis k of a frame in global axes [-]."""
-    along = (Relation(f"{'xyz'[k]} axis of {frame.name}", (constant(e),), (frame.axis(k),)) for e in np.eye(3))
+    along = (
+        Relation(f"direction of the {'xyz'[k]} axis of {frame.name}", (constant(e),), (frame.axis(k),))
+        for e in np.eye(3)
+    )
     return RelationSensor(name, tuple(along))
 
 
@@ -130,11 +133,11 @@ def readings(system: System, sensors: Sequence[Sensor]) -> CompiledSensors:
     for sensor in sensors:
         if isinstance(sensor, StrainSensor):
             if sensor.body not in system.of:
-                raise InfeasibleError(f"{sensor.name}: body {sensor.body} not found")
+                raise InfeasibleError(f"sensor {sensor.name}: body {sensor.body} not found")
             eta, rows = system.modal(sensor.body), np.atleast_2d(np.asarray(sensor.rows, dtype=float))
             if rows.shape[1] != eta.stop - eta.start:
                 raise InfeasibleError(
-                    f"{sensor.name}: the strain operator has {rows.shape[1]} columns, "
+                    f"sensor {sensor.name}: the strain operator has {rows.shape[1]} columns, "
                     f"but body {sensor.body} has {eta.stop - eta.start} modes"
                 )
             whole = np.zeros((len(rows), system.size))

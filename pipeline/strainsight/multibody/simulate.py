@@ -194,7 +194,7 @@ def _refusal(
 ) -> NumericalError:
     if unsolved is not None:
         return NumericalError(
-            f"at t = {time:g} s, with the step of {h:g} s divided into {parts} substeps: {unsolved.what}",
+            f"at t = {time:g} s, the step of {h:g} s was not solved with {parts} substeps ({unsolved.what})",
             remedy=unsolved.remedy,
         )
     return NumericalError(
@@ -308,7 +308,10 @@ def _step(
         if moved > SLOW * before and not fresh:
             factors = None  # of a bench that has moved on since
         before = moved
-    raise NumericalError("a time step of the simulated test does not converge", remedy="reduce estimate.truth.step")
+    raise NumericalError(
+        f"Newton's iteration of the simulated test does not converge with the time step of {h:g} s",
+        remedy="reduce estimate.truth.step",
+    )
 
 
 def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:

@@ -177,7 +177,7 @@ def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
 
 
 REASONS = {
-    iteration.INFINITE: "a coordinate is not finite",
+    iteration.INFINITE: "a coordinate of a body is not finite",
     iteration.SINGULAR: "the matrix of the time step is singular",
     iteration.ENDLESS: "Newton's iteration does not converge",
 }
@@ -212,8 +212,8 @@ def _farthest(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...]) -> 
     if len(off) and np.max(off) > 1e-6:
         worst = int(np.argmax(off))
         row, moving = worst % len(r4), worst >= len(r4)
-        value = r3[row] if moving else r4[row]
-        return f"largest residual {value:.3g} in {'the time derivative of ' if moving else ''}{system.constraints[row]}"
+        value, level = (r3[row], "velocity") if moving else (r4[row], "position")
+        return f"largest residual {value:.3g} in the {level} constraint '{system.constraints[row]}'"
     r2 = at.load - at.B.T @ lam - (problem.w if len(problem.w) else 0.0)
     # what the rigidity of the bodies carries is in balance
     E = at.B[:rigid] / d

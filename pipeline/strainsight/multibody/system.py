@@ -160,7 +160,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
         else:
             # g·∫ρ p, whose negative is the potential of the weight
             pull = (constant(force.acceleration),)
-            relations += [Relation(f"{force.name} on {body.name}", pull, (mass_moment(body),)) for body in bodies]
+            relations += [Relation(f"weight of body {body.name}", pull, (mass_moment(body),)) for body in bodies]
         weights += [-1.0 if isinstance(force, Gravity) else 0.0] * (len(relations) - first)
 
     _check_carried(relations, bodies)
@@ -200,7 +200,7 @@ def _rigidity(bodies: Sequence[Body]) -> tuple[list[Relation], list[str]]:
             R = [Carried(body.name, 0.0, e, np.zeros((3, 0))) for e in np.eye(3)]
             relations += [Relation("", (R[a],), (R[b],), float(a == b)) for a in range(3) for b in range(a, 3)]
             names += [
-                f"body {body.name}: {AXES[a]} axis · {AXES[b]} axis of the body frame"
+                f"{AXES[a]} axis · {AXES[b]} axis of the frame of body {body.name}"
                 for a in range(3)
                 for b in range(a, 3)
             ]
@@ -221,7 +221,7 @@ def _directions(force: FrameLoad) -> np.ndarray:
     """The columns of the directions as rows (k, 3)."""
     D = np.asarray(force.directions, dtype=float)
     D = D[:, None] if D.ndim == 1 else D
-    _refuse_twins(f"inputs of {force.name}", list(force.inputs))
+    _refuse_twins(f"inputs of the force {force.name}", list(force.inputs))
     if D.shape != (3, len(force.inputs)):
         raise InfeasibleError(
             f"{force.name}: the array of load directions has shape {D.shape}, but {len(force.inputs)} inputs require "

@@ -14,8 +14,10 @@ from strainsight.records.record import dataset, group, record
 from strainsight.records.reduced import AffineTerms
 from strainsight.rom.inertia import InertiaInvariants
 
-FIVE = "[x, y, z, about y, about z]"
-FOUR = "of every ball at the contacts inner left, inner right, outer left, outer right (left: towards negative x)"
+ALONG_XYZ_ABOUT_YZ = "[x, y, z, about y, about z]"
+AT_FOUR_CONTACTS = (
+    "of every ball at the contacts inner left, inner right, outer left, outer right (left: towards negative x)"
+)
 
 
 @record
@@ -23,9 +25,9 @@ class WorstInstant:
     """Ball loads at the instant of the highest contact pressure."""
 
     time: float = dataset("s", "", "time of the highest contact pressure of the bearing")
-    force: np.ndarray = dataset("N", "ball × 4", f"contact force {FOUR}, at `time`")
-    contact_angle: np.ndarray = dataset("rad", "ball × 4", f"contact angle {FOUR}, at `time`")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure {FOUR}, at `time`")
+    force: np.ndarray = dataset("N", "ball × 4", f"contact force {AT_FOUR_CONTACTS}, at `time`")
+    contact_angle: np.ndarray = dataset("rad", "ball × 4", f"contact angle {AT_FOUR_CONTACTS}, at `time`")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure {AT_FOUR_CONTACTS}, at `time`")
 
 
 @record
@@ -102,14 +104,14 @@ class SurfaceHistory:
 
 
 SQUARE = "coordinate × coordinate"
-IN_UNITS = "(unit: that of the reduced coordinate, m, rad or m √kg)"
+IN_UNITS = "(unit of a reduced coordinate: m, rad or m √kg)"
 
 
 @record
 class ReducedBody:
     """One body; interface: node id as text → its six motions."""
 
-    clamped: bool = dataset("1", "", "1 if the body has supports on the ground")
+    clamped: bool = dataset("1", "", "1: body with supports in its mesh (clamped); 0: free body")
     frequency: np.ndarray = dataset("Hz", "mode", "fixed-interface natural frequencies")
     cut: float = dataset("Hz", "", "lowest natural frequency of the truncated fixed-interface modes")
     reach: dict[str, np.ndarray] = dataset(
@@ -143,8 +145,10 @@ class ReducedBodies:
 class FrameAtRest:
     """Pose of a frame."""
 
-    position: np.ndarray = dataset("m", "3", "position of the frame origin in equilibrium, in global axes")
-    axes: np.ndarray = dataset("1", "3 × 3", "directions of the frame axes in equilibrium, in global axes, as columns")
+    position: np.ndarray = dataset("m", "3", "position of the origin of the frame in equilibrium, in global axes")
+    axes: np.ndarray = dataset(
+        "1", "3 × 3", "directions of the axes of the frame in equilibrium, in global axes, as columns"
+    )
 
 
 @record
@@ -194,7 +198,9 @@ class FrameInModes:
     """Motion of a frame in the modes."""
 
     displacement: np.ndarray = dataset(
-        "m per unit", "mode × 3", "displacement of the frame origin per unit of each modal coordinate, in global axes"
+        "m per unit",
+        "mode × 3",
+        "displacement of the origin of the frame per unit of each modal coordinate, in global axes",
     )
     rotation: np.ndarray = dataset(
         "rad per unit", "mode × 3", "rotation of the frame per unit of each modal coordinate, about global axes"
@@ -251,9 +257,9 @@ class Coupled:
 class BearingCase:
     """A bearing in equilibrium under a load on its inner ring."""
 
-    load: np.ndarray = dataset("N or N m", "5", f"forces and moments on the inner ring {FIVE}")
+    load: np.ndarray = dataset("N or N m", "5", f"forces and moments on the inner ring {ALONG_XYZ_ABOUT_YZ}")
     displacement: np.ndarray = dataset(
-        "m or rad", "5", f"displacements and tilts of the inner ring {FIVE}, relative to the outer ring"
+        "m or rad", "5", f"displacements and tilts of the inner ring {ALONG_XYZ_ABOUT_YZ}, relative to the outer ring"
     )
     stiffness: np.ndarray = dataset(
         "(N or N m)/(m or rad)", "5 × 5", "stiffness matrix of the bearing, ∂load/∂displacement"
@@ -261,9 +267,9 @@ class BearingCase:
     station: np.ndarray = dataset(
         "rad", "/station", "angular position of every ball about the bearing axis x, from the y axis towards the z axis"
     )
-    force: np.ndarray = dataset("N", "/station × 4", f"contact force {FOUR}")
-    contact_angle: np.ndarray = dataset("rad", "/station × 4", f"contact angle {FOUR}")
-    pressure: np.ndarray = dataset("Pa", "/station × 4", f"peak contact pressure {FOUR}")
+    force: np.ndarray = dataset("N", "/station × 4", f"contact force {AT_FOUR_CONTACTS}")
+    contact_angle: np.ndarray = dataset("rad", "/station × 4", f"contact angle {AT_FOUR_CONTACTS}")
+    pressure: np.ndarray = dataset("Pa", "/station × 4", f"peak contact pressure {AT_FOUR_CONTACTS}")
 
 
 @record
@@ -275,7 +281,9 @@ class BearingCurve:
         "/displacement",
         "varied displacement or tilt of the inner ring; the other displacements and tilts are zero",
     )
-    load: np.ndarray = dataset("N or N m", "/displacement × 5", f"forces and moments on the inner ring {FIVE}")
+    load: np.ndarray = dataset(
+        "N or N m", "/displacement × 5", f"forces and moments on the inner ring {ALONG_XYZ_ABOUT_YZ}"
+    )
 
 
 @dataclass(frozen=True)
@@ -314,7 +322,7 @@ class BenchTruths:
     """Every history starts in the configured initial state, with its loads."""
 
     time: np.ndarray = dataset("s", "/time", "time from the start of the run")
-    begin: np.ndarray = dataset("s", "history", "start time of each load history within the configured load history")
+    begin: np.ndarray = dataset("s", "history", "time in the configured loads at which each simulated history starts")
     q: np.ndarray = dataset("SI", "/time × history × coordinate", "generalised coordinates of all bodies")
     v: np.ndarray = dataset("SI", "/time × history × coordinate", "rates of the generalised coordinates of all bodies")
     inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time × history", "load <name>")
@@ -387,9 +395,9 @@ class BallsThen:
     station: np.ndarray = dataset(
         "rad", "ball", "angular position of every ball about the bearing axis x, from the y axis towards the z axis"
     )
-    force: np.ndarray = dataset("N", "ball × 4", f"contact force {FOUR}, at `time`")
+    force: np.ndarray = dataset("N", "ball × 4", f"contact force {AT_FOUR_CONTACTS}, at `time`")
     force_std: np.ndarray = dataset("N", "ball × 4", "standard deviation of every contact force")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure {FOUR}, at `time`")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure {AT_FOUR_CONTACTS}, at `time`")
     pressure_std: np.ndarray = dataset("Pa", "ball × 4", "standard deviation of every contact pressure")
 
 

@@ -144,9 +144,11 @@ class VirtualStrain:
         "strain", "/time × grid", "smoothed strain at every measuring grid of the virtual gauges"
     )
     std: np.ndarray = dataset("strain", "/time × grid", "standard deviation of every smoothed strain")
-    position: np.ndarray = dataset("m", "grid × 3", "position of every measuring grid of the virtual gauges")
+    position: np.ndarray = dataset(
+        "m", "grid × 3", "position of every measuring grid of the virtual gauges, in global axes"
+    )
     direction: np.ndarray = dataset(
-        "1", "grid × 3", "measuring direction of every measuring grid of the virtual gauges"
+        "1", "grid × 3", "measuring direction of every measuring grid of the virtual gauges, in global axes"
     )
 
 

@@ -54,8 +54,7 @@ class Axes:
         Column(
             "1",
             "3 × 3",
-            "directions of the axes of the local displacement coordinate system of every node, as columns (node × "
-            "xyz × axis)",
+            "unit vectors of the local displacement coordinate system of every node, in global axes, as columns",
         ),
     ]
 
@@ -97,8 +96,8 @@ class MeshColumns:
     arms: np.ndarray = dataset(
         "1",
         "arm × 2",
-        "node indices of both ends of every rigid link from a shell or beam to its surface: node on the surface, node of the "
-        "shell or beam",
+        "node indices of both ends of every rigid link between a shell or beam and an added node on its surface. First the added "
+        "node, then the node of the shell or beam",
     )
     regions: Mapping[int, Region] = group(table(Region, "region", "id"))
     shell_sections: Mapping[int, ShellSection] | None = group(
@@ -118,13 +117,13 @@ class MeshColumns:
             CompositeSolid,
             "composite",
             REGION,
-            kind="type of the coordinate system for the layer axes: rectangular, cylindrical, spherical",
-            turn="directions of the layer axes 1, 2, 3 in this coordinate system, as columns",
+            kind="type of the coordinate system in which the layer axes are defined: rectangular, cylindrical, spherical",
+            turn="directions of the layer axes 1, 2, 3, as columns, in the coordinate system of `kind`",
         )
     )
     fixed: np.ndarray = dataset(
         "1",
-        "held component × 2",
+        "fixed degree of freedom × 2",
         "fixed degrees of freedom, as [node index, component]; component 0-2: translations, 3-5: rotations",
         path="/constraints/fixed",
     )

@@ -73,11 +73,14 @@ class Removals:
     trace: np.ndarray | None = dataset(
         "1",
         "removal + 1",
-        "<what> with the whole pool and after every removal; only for the trace criterion",
+        "<what> with all candidates of the pool and after every removal; only for the trace criterion",
         default=None,
     )
     metric: np.ndarray | None = dataset(
-        "1", "removal + 1", "<what> with the whole pool and after every removal; only for other criteria", default=None
+        "1",
+        "removal + 1",
+        "<what> with all candidates of the pool and after every removal; only for other criteria",
+        default=None,
     )
     rise: np.ndarray = dataset("1", "removal", "increase of <what> with every removal, in full precision")
     unknowns: tuple[str, ...] = dataset("1", "/unknowns", "unknowns in the placement criterion: loads, then parameters")
@@ -105,8 +108,10 @@ class Selection:
     element: np.ndarray = dataset("1", "gauge", "element id of every gauge in the deck")
     facet: np.ndarray = dataset("1", "gauge", "facet number of every gauge in its element, from 1")
     nodes: np.ndarray = dataset("1", "gauge × 8", "node indices of the facet of every gauge; −1: no node")
-    position: np.ndarray = dataset("m", "gauge × 3", "position of every gauge")
-    direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction of the first channel of every gauge")
+    position: np.ndarray = dataset("m", "gauge × 3", "position of every gauge, in global axes")
+    direction: np.ndarray = dataset(
+        "1", "gauge × 3", "measuring direction of the first channel of every gauge, in global axes"
+    )
     load: np.ndarray | None = dataset(
         "1",
         "gauge",
@@ -121,7 +126,7 @@ class LayoutBound:
     """Bound on the criterion of any permitted layout."""
 
     lower_bound: float = dataset("1", "", "lower bound on <what> of all permitted layouts")
-    gap: float = dataset("1", "", "optimality gap: (<what> of the final set − bound) / <what>")
+    gap: float = dataset("1", "", "optimality gap: (<what> of the layout − bound) / <what>")
     weights: np.ndarray = dataset(
         "1", "pool row", "weight of every gauge or mirrored pair in the convex relaxation of the placement"
     )
@@ -156,12 +161,12 @@ class PlacedLayout:
     loss: np.ndarray = dataset(
         "1",
         "gauge",
-        "<what> after the failure of each gauge of the final set; inf: an unknown becomes unobservable; NaN: "
+        "<what> after the failure of each gauge of the layout; inf: an unknown becomes unobservable; NaN: "
         "Riccati equation not solved accurately",
         path="/failure/loss",
     )
     certificate: LayoutBound | None = group(what="<what>", default=None)
-    baseline: dict[str, float] = dataset("1", "", "<what> of the set selected by <name>")
+    baseline: dict[str, float] = dataset("1", "", "<what> of the gauge set selected by <name>")
     criteria: Rules = group()
     advice: tuple[str, ...] = dataset("1", "sentence", "recommendations for the layout")
 
@@ -203,11 +208,10 @@ class Observed:
     case: tuple[str, ...] = dataset(
         "1",
         "/case",
-        "group of unknowns: input (loads), E (stiffness parameters), rho (densities), damping; + joins groups",
+        "group of unknowns that is checked together: input (loads), E (stiffness parameters), rho (densities), damping, or "
+        "several of these joined by +",
     )
-    unknowns: tuple[str, ...] = dataset(
-        "1", "/case", "names of the unknowns of every combination of unknowns in `case`"
-    )
+    unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns in every group of `case`")
     condition: np.ndarray = dataset(
         "1",
         "/excitation × /case",
@@ -222,7 +226,9 @@ class Observed:
     sigma_min: np.ndarray = dataset(
         "1", "/excitation × /case", "smallest singular value of the scaled observability (PBH) matrix at λ = 0"
     )
-    lost: np.ndarray = dataset("1", "/excitation × /case", "unobservable or weakly observable unknowns; empty: none")
+    lost: np.ndarray = dataset(
+        "1", "/excitation × /case", "unobservable or weakly observable unknowns of every group; empty: none"
+    )
 
 
 @record
@@ -288,18 +294,22 @@ class AtGauges:
     def steep_in_words(self, i: int) -> str:
         """Warning of a steep gradient at gauge i, with value and limit; empty below the limits."""
         changes = [
-            f"by {100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
+            f"{100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
             for value, limit, what in (
-                (self.in_place[i], self.in_place_limit, "over one standard deviation of the gauge position"),
-                (self.over_grid[i], self.over_grid_limit, "along the measuring grid"),
+                (
+                    self.in_place[i],
+                    self.in_place_limit,
+                    "strain change over one standard deviation of the gauge position",
+                ),
+                (self.over_grid[i], self.over_grid_limit, "strain change along the measuring grid"),
             )
             if value > limit
         ]
-        return f"steep gradient: the strain changes {' and '.join(changes)}" if changes else ""
+        return f"steep gradient: {' and '.join(changes)}" if changes else ""
 
     def access(self, i: int) -> tuple[str, ...]:
         """Reasons to check the access at gauge i: free height, or contact face; empty without one."""
-        room = f"{1e3 * self.room[i]:.2g} mm of free height (limit {1e3 * self.room_limit:.2g} mm)"
+        room = f"free height above the gauge {1e3 * self.room[i]:.2g} mm (limit {1e3 * self.room_limit:.2g} mm)"
         return (*[room] * bool(self.room[i] <= self.room_limit), *filter(None, [self.lies_on[i]]))
 
     def access_in_words(self, i: int) -> str:
@@ -316,7 +326,7 @@ class ByCase:
     weight: np.ndarray = dataset("1", "/name", "weight of every load case in the placement criterion")
     scenario: np.ndarray = dataset("1", "scenario", "load case number of every scenario in /augmented")
     metric: np.ndarray = dataset(
-        "1", "/name", "<what> of the final set in every load case, without the weight of the case"
+        "1", "/name", "<what> of the layout in every load case, without the weight of the load case"
     )
     std: dict[str, np.ndarray] = dataset(
         "1",
@@ -324,7 +334,7 @@ class ByCase:
         "predicted σ of <name> in the simulation of the stage `train`, relative to the amplitude (load) or guess (parameter)",
     )
     acts: dict[str, np.ndarray] = dataset(
-        "1", "/name", "1 if <name> acts in the load case; 0: not part of the criterion of this case"
+        "1", "/name", "1 if <name> acts in the load case; 0: not part of the criterion of this load case"
     )
     scale: dict[str, np.ndarray] = dataset(
         "SI", "/name", "amplitude (load) or guess (parameter) of <name>, the reference of σ"
@@ -344,7 +354,7 @@ class Placed(PlacedLayout):
     without: dict[str, np.ndarray] = dataset(
         "1",
         "gauge",
-        "predicted relative σ of <name> without each gauge of the final set: largest value of all load cases, "
+        "predicted relative σ of <name> without each gauge of the layout: largest value of all load cases, "
         "relative to the amplitude in the load case",
     )
     budget: Budget | None = group(default=None)

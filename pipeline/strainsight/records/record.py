@@ -141,7 +141,7 @@ def _fields(kind: Any) -> dict[str, tuple[FieldPlace, _Kind]]:
         }
         for name, data in places.items():
             known = _kind(hints[name], data["through"], data["by"])
-            path = f"/{name}/{NAME}" if known.named else f"/{name}"
+            path = f"/{name}" + f"/{NAME}" * known.named
             fields[name] = replace(data["place"], path=path if data["path"] is None else data["path"]), known
         _KNOWN[kind] = fields
     return _KNOWN[kind]
@@ -177,7 +177,7 @@ def written(instance: Any, units: Mapping[str, str] | None = None, at: FieldPlac
     for name, (place, kind) in fields.items():
         value = getattr(instance, name)
         if value is None and not kind.optional:
-            raise ValueError(f"{below}{place.path} of {type(instance).__name__} is missing")
+            raise ValueError(f"the dataset {below}{place.path} of {type(instance).__name__} is missing")
         for key, part in _parts(value, kind):
             path = below + place.path.replace(NAME, key)
             if kind.record is not None:
@@ -254,12 +254,14 @@ def _array(value: Any, kind: _Kind) -> np.ndarray:
 def _shape_fault(place: FieldPlace, array: np.ndarray, lengths: dict[str, tuple[int, str]], path: str) -> str:
     """Message for a shape that differs from the axes, or an empty text."""
     if array.ndim != len(place.axes):
-        return f"{path} has the shape {array.shape} instead of ({' × '.join(place.axes) or 'scalar'})"
+        return f"the dataset {path} has the shape {array.shape} instead of ({' × '.join(place.axes) or 'scalar'})"
     for axis, length in zip(place.axes, array.shape, strict=True):
         counted, more = (axis.removesuffix(" + 1"), 1) if axis.endswith(" + 1") else (axis, 0)
-        known = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(counted, (length - more, path))
-        if length - more != known[0]:
-            return f"{path} has length {length} along '{axis}', but {known[1]} has {known[0] + more}"
+        expected, other = (
+            (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(counted, (length - more, path))
+        )
+        if length - more != expected:
+            return f"the dataset {path} has length {length} along the axis '{axis}', but {other} has {expected + more}"
     return ""
 
 

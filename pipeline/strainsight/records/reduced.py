@@ -19,7 +19,7 @@ class Modes:
 
     frequency: np.ndarray = dataset("Hz", "/frequency", "natural frequencies")
     shape: np.ndarray = dataset(
-        "kg^-1/2", "free unknown × /frequency", "mass-normalised mode shapes on the free degrees of freedom"
+        "kg^-1/2", "free degree of freedom × /frequency", "mass-normalised mode shapes on the free degrees of freedom"
     )
 
 
@@ -151,15 +151,17 @@ class ReductionErrors:
     parameters: np.ndarray = dataset(
         "SI",
         "point × parameter",
-        "parameter values of every test point; the test points are not used for the reduction basis",
+        "parameter values at which the reduced model is checked; they are not used for the reduction basis",
     )
     frequency: np.ndarray = dataset(
-        "1", "point × mode", "relative error of the natural frequencies of the reduced model at every test point"
+        "1",
+        "point × mode",
+        "relative error of the natural frequencies of the reduced model at every point of `parameters`",
     )
     static: np.ndarray = dataset(
         "1",
         "point × input",
-        "relative error (energy norm) of the static responses of the reduced model at every test point",
+        "relative error (energy norm) of the static responses of the reduced model at every point of `parameters`",
     )
 
 
@@ -173,8 +175,8 @@ class ReadyBasis:
     missed: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "row × input × misalignment",
-        "change of the static displacement under a unit load, per unit misalignment of this load: only the part outside the "
-        "span of the reduction basis Ψ. Row: degree of freedom of the imported matrices",
+        "change of the static displacement under a unit load, per unit misalignment of this load (two rotations, two shifts). "
+        "Without the part in the span of the reduction basis Ψ. Row: degree of freedom of the imported matrices",
     )
     notes: tuple[str, ...] = dataset("1", "note", "assumptions made in reading the matrices")
 
@@ -194,18 +196,18 @@ class Misaligned:
     shape: np.ndarray = dataset(
         "kg^-1/2/rad or kg^-1/2/m",
         "coordinate × input × misalignment",
-        "change of the input matrix S per unit misalignment of each load",
+        "change of the input matrix S per unit misalignment of each load (two rotations, two shifts)",
     )
     static: np.ndarray = dataset(
         "m/N/rad or m/N/m",
-        "free unknown × input × misalignment",
-        "change of the static displacement under a unit load, per unit misalignment of this load",
+        "free degree of freedom × input × misalignment",
+        "change of the static displacement under a unit load, per unit misalignment of this load (two rotations, two shifts)",
     )
     missed: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "3 nodes × input × misalignment",
-        "change of the static displacement of the nodes under a unit load, per unit misalignment of this load: only the part "
-        "outside the span of the reduction basis Ψ",
+        "change of the static displacement of the nodes under a unit load, per unit misalignment of this load (two rotations, "
+        "two shifts). Without the part in the span of the reduction basis Ψ",
     )
 
 
@@ -225,7 +227,7 @@ class Reduced:
     )
     static: np.ndarray = dataset(
         "m/N",
-        "free unknown × input",
+        "free degree of freedom × input",
         "static displacement of the free degrees of freedom under a unit load of each input",
     )
     misaligned: Misaligned = group()

@@ -22,12 +22,10 @@ class RunRows:
     group: tuple[str, ...] = dataset("1", "/name", "name of the group of every run; empty: no group")
     at: np.ndarray = dataset("SI", "/name", "value of the config key that the runs of the study vary")
     gauges: np.ndarray = dataset("1", "/name", "number of gauges in the layout of every run")
-    pool: np.ndarray = dataset(
-        "1", "/name", "number of candidate gauges that remain after screening in every run (the pool)"
-    )
+    pool: np.ndarray = dataset("1", "/name", "number of candidate gauges that pass the screening in every run")
     metric: tuple[str, ...] = dataset("1", "/name", "name of the placement criterion")
     metric_initial: np.ndarray = dataset(
-        "1", "/name", "value of the placement criterion with all candidates that remain after screening"
+        "1", "/name", "value of the placement criterion with all candidates that pass the screening"
     )
     metric_final: np.ndarray = dataset("1", "/name", "value of the placement criterion with the layout")
     gap: np.ndarray = dataset("1", "/name", "optimality gap: (metric_final − lower bound) / metric_final")
@@ -83,12 +81,12 @@ class UnknownRows:
 
 @record
 class CaseRows:
-    run: np.ndarray = dataset("1", "case", "index in /run/name of the run of every observability check")
-    unknowns: tuple[str, ...] = dataset("1", "case", "unknowns of every observability check")
-    excitation: tuple[str, ...] = dataset("1", "case", "excitation of every observability check")
-    condition: np.ndarray = dataset("1", "case", "condition number of the scaled observability (PBH) matrix at λ = 0")
+    run: np.ndarray = dataset("1", "check", "index in /run/name of the run of every observability check")
+    unknowns: tuple[str, ...] = dataset("1", "check", "unknowns of every observability check")
+    excitation: tuple[str, ...] = dataset("1", "check", "excitation of every observability check")
+    condition: np.ndarray = dataset("1", "check", "condition number of the scaled observability (PBH) matrix at λ = 0")
     condition_raw: np.ndarray = dataset(
-        "1", "case", "condition number of the unscaled observability (PBH) matrix at λ = 0; depends on units"
+        "1", "check", "condition number of the unscaled observability (PBH) matrix at λ = 0; depends on units"
     )
 
 
@@ -110,8 +108,8 @@ class NumberRows:
     value: np.ndarray = dataset(
         "SI",
         "number",
-        "value of the number, multiplied by `times` of the claim and divided by the value of the same number, or "
-        "of `against_number`, in the reference run (`against`) of the claim",
+        "value of the number × `times` of the claim; for a claim with `against`, divided by the same number (or "
+        "`against_number`) of the run `against`",
     )
 
 

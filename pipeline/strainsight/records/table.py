@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from strainsight.columns import Column, columns_of
 from strainsight.records.record import FieldPlace, placed
 
-ALL = "; all lists are concatenated"
+ALL = "; the lists of all rows are concatenated"
 OFFSET = "start of every list in the concatenated lists; list i has the entries offset[i] to offset[i + 1] − 1"
 
 

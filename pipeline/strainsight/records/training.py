@@ -18,14 +18,20 @@ class GridColumns:
     """Data of every grid of a gauge, and of every channel of another sensor."""
 
     element: np.ndarray = dataset("1", "<what>", "element id of every <what>")
-    facet: np.ndarray = dataset("1", "<what>", "facet number in the element, from 1, in the order of docs/artefacts.md")
+    facet: np.ndarray = dataset(
+        "1", "<what>", "facet number in the element, from 1 (numbering of the facets: docs/artefacts.md)"
+    )
     kind: np.ndarray = dataset(
         "1", "<what>", "kind of facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 tri6 of a shell, 5 quad8 of a shell"
     )
     nodes: np.ndarray = dataset("1", "<what> × 8", "node indices of the facet; −1: no node")
-    position: np.ndarray = dataset("m", "<what> × 3", "measuring point; for a candidate, the centre of the facet")
-    normal: np.ndarray = dataset("1", "<what> × 3", "outward normal of the facet")
-    direction: np.ndarray = dataset("1", "<what> × 3", "measuring direction; for strain, in the plane of the facet")
+    position: np.ndarray = dataset(
+        "m", "<what> × 3", "measuring point, in global axes; for a candidate, the centre of the facet"
+    )
+    normal: np.ndarray = dataset("1", "<what> × 3", "outward normal of the facet, in global axes")
+    direction: np.ndarray = dataset(
+        "1", "<what> × 3", "measuring direction, in global axes; for strain, in the plane of the facet"
+    )
     angle: np.ndarray = dataset(
         "deg",
         "<what>",
@@ -129,14 +135,14 @@ class Training:
         path="/gauges/name",
     )
     rows: np.ndarray = dataset(
-        "unit of the row",
+        "unit of the strain operator",
         "channel × coordinate",
         "strain operator: strain, or displacement [m], of every channel per unit of each reduced coordinate",
         path="/gauges/row",
     )
     row_change: AffineOperator | None = group(
         ChangeTerms,
-        "unit of the row",
+        "unit of the strain operator",
         "part of the strain operator that depends on estimated shell thicknesses",
         path="/gauges/row_change",
         default=None,
@@ -144,8 +150,8 @@ class Training:
     missed: np.ndarray = dataset(
         "strain/N/rad or strain/N/m",
         "channel × input × misalignment",
-        "change of the static strain, or displacement [m], under a unit load, per unit misalignment of this load: only the "
-        "part outside the span of the reduction basis",
+        "change of the static strain, or displacement [m], under a unit load, per unit misalignment of this load (two "
+        "rotations, two shifts). Without the part in the span of the reduction basis",
         path="/gauges/missed",
     )
     strain_operator: sparse.csr_array | None = group(StrainOperatorRows, path="/gauges/strain_operator", default=None)
@@ -247,7 +253,9 @@ class Clearance:
 
     distance: float = dataset("m", "", "applied clearance of gauge centres from edges, supports and loads; 0: none")
     wanted: float = dataset("m", "", "required clearance; if the part is too small, the applied clearance is smaller")
-    rule: str = dataset("1", "", "origin of the clearance: stated (config) or carrier (default of the gauge carrier)")
+    rule: str = dataset(
+        "1", "", "origin of the clearance: stated (in the config) or carrier (default for the carrier of the gauge)"
+    )
     near: dict[str, int] = dataset(
         "1",
         "",
@@ -261,7 +269,7 @@ class Screened:
     """screen.h5."""
 
     kept: np.ndarray = dataset(
-        "1", "pool gauge", "numbers of the gauges that remain after screening (the pool), in ascending order"
+        "1", "screened gauge", "numbers of the candidate gauges that pass the screening, in ascending order"
     )
     snr: np.ndarray = dataset(
         "1",

@@ -90,8 +90,8 @@ class SweepTable:
     key: tuple[str, ...] = dataset(
         "1",
         "/key",
-        "quantity changed in this run: time_step, process_noise, or the name of the parameter that is deliberately set to "
-        "a wrong value",
+        "quantity changed in every filter run: time_step, process_noise, or the name of a parameter that is deliberately "
+        "set to a wrong value",
     )
     value: np.ndarray = dataset(
         "1", "/key", "changed time step [s], or factor on the process noise or on the parameter"
@@ -104,15 +104,15 @@ class SweepTable:
 class Validated(UnknownHistories):
     """validate.h5."""
 
-    time: np.ndarray = dataset("s", "/time", "times of the validation run")
+    time: np.ndarray = dataset("s", "/time", "times of the estimates in the simulated test")
     truth: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "true time history of <name>")
     gauge: SimulatedChannels = group()
     consistency: Consistency = group()
     field: Field = group()
     noise: NoiseStudy = group(what="noise level")
-    repeats: Starts = group(what="repeat with another noise seed and initial value")
+    repeats: Starts = group(what="repeated filter run with other noise and initial values")
     screened: RandomSetErrors = group(
-        path="/random_sets/screened", what="random gauge set from the candidates that remain after screening"
+        path="/random_sets/screened", what="random gauge set from the candidates that pass the screening"
     )
     all: RandomSetErrors = group(path="/random_sets/all", what="random gauge set from all candidates")
     sweep: SweepTable | None = group(default=None)

@@ -82,11 +82,11 @@ def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
     records, campaign = pages_of(context)
     pages = [] if campaign is None else [("", "", campaign_figures(campaign))]
     for report in records:
-        name, words = (f"-{report.record}", f", record {report.record}") if report.record else ("", "")
-        pages.append((name, words, figures_of_test(report)))
+        name, of_record = (f"-{report.record}", f", record {report.record}") if report.record else ("", "")
+        pages.append((name, of_record, figures_of_test(report)))
     return [
-        replace(figure, key=f"{TEST}{name}-{figure.key}", title=f"the test{words}: {figure.title}")
-        for name, words, figures in pages
+        replace(figure, key=f"{TEST}{name}-{figure.key}", title=f"estimate from the test{of_record}: {figure.title}")
+        for name, of_record, figures in pages
         for figure in figures
     ]
 

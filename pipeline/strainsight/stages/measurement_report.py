@@ -94,7 +94,7 @@ def _findings_of(
         name=config.name,
         title=title_of(f"{config.name}, record {name}" if name else config.name, tuple(names)),
         unknowns=tuple(map(unknown_of, names)),
-        innovations=noise.text if record.trusted else f"the record is {result}",
+        innovations=noise.text if record.trusted else f"the measurements are {result}",
         consistent=record.trusted and noise.consistent,
         warnings=_warnings(record, summary, doubts, noise),
         notes=record.notes,
@@ -165,7 +165,7 @@ def _damage(damaged: Damaged | None, config: PlacementConfig) -> Table | None:
 def _hidden(summary: Mapping[str, object]) -> str:
     """Note on unknowns that the channels cannot distinguish, or an empty text."""
     hidden = summary.get("unobservable")
-    return f"the channels cannot determine {hidden}" if hidden else ""
+    return f"the channels cannot determine the unknowns {hidden}" if hidden else ""
 
 
 def _warnings(

@@ -63,14 +63,16 @@ def run_modes(context: Context[PlacementConfig]) -> Output:
     modes = modes_of(config, inputs.mesh(context), context)
     frequency, size = modes.frequency, len(modes.shape)
     guesses = {name: reference_value(name, entry.guess, context.files) for name, entry in config.parameters.items()}
-    values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the material data of the deck"
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items())
     return Output(
         datasets=written(modes),
         summary={"unknowns": size, "modes": len(frequency), "first": float(frequency[0]), "last": float(frequency[-1])},
         message=f"{len(frequency)} modes of {size} degrees of freedom, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
         tables=(
             Table(
-                f"natural frequencies for {values}",
+                f"natural frequencies with {values}"
+                if guesses
+                else "natural frequencies with the material data of the deck",
                 ("mode", "Hz"),
                 tuple((str(i), hertz(f, 3)) for i, f in enumerate(frequency, start=1)),
             ),

@@ -50,7 +50,7 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
         except ChoiceError as error:
             sets, key = error.choices, "step" if error.key == "step" else "spc"
             number = sets[0] if chosen is None else chosen
-            by_which = f", supports of {'set' if key == 'spc' else 'step'} {number}"
+            by_which = f", supports of {'SPC set' if key == 'spc' else 'step'} {number}"
             spc, step = (number, step) if key == "spc" else (spc, number)
     mesh, thin = (mesh, ()) if mesh.elements else _shells(path, mesh)
     count = {number: sum(int(np.sum(b.region == number)) for b in mesh.elements) for number in mesh.regions}

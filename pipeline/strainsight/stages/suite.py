@@ -317,14 +317,14 @@ def _rows(run: SuiteRun, columns: int, mixed: bool) -> Iterator[tuple[str, ...]]
     """A row an unknown; mixed: runs differ in their metric."""
     label, layout = run.label, () if isinstance(run, BenchPageRun) else _layout_cells(run, mixed)
     if isinstance(run, BenchPageRun) and not run.unknowns:
-        yield (label, "", f"not estimated (last stage: {run.reached})", *[""] * (columns - 3))
+        yield (label, "", f"no estimate (the last stage of the run is '{run.reached}')", *[""] * (columns - 3))
     for unknown in _unknowns(run):
         cells = [_percent(unknown[key]) for key in ("error", "smoothed", "std", "expected") if key in unknown]
         if isinstance(run, BenchPageRun):
             cells += ["" if (fit := unknown[key]) is None else f"{fit:.5g}" for key in ("slope", "ratio_slope")]
         else:
             cells.append(_repeats(unknown["repeats"]))
-            unknown["verdict"] = unknown["verdict"] or f"not estimated (last stage: {run.reached})"
+            unknown["verdict"] = unknown["verdict"] or f"no estimate (the last stage of the run is '{run.reached}')"
         yield (label, unknown["name"], *layout, *cells, unknown["verdict"])
         label, layout = "", ("",) * len(layout)
 
@@ -339,7 +339,9 @@ def _layout_cells(run: PlacementRun, mixed: bool) -> tuple[str, ...]:
 def _repeats(repeats: Repeats | None) -> str:
     if repeats is None:
         return ""
-    lost = f"{repeats.lost} of {len(repeats.error)} diverged" if repeats.lost else f"max. {_percent(repeats.worst)}"
+    lost = (
+        f"{repeats.lost} of {len(repeats.error)} runs diverged" if repeats.lost else f"max. {_percent(repeats.worst)}"
+    )
     return f"RMS {_percent(rms(repeats.error))}, {lost}"
 
 
@@ -362,7 +364,8 @@ def run(context: Context[SimpleNamespace]) -> Output:
     none = without_benefit(suite)
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} with an estimate"
     message += (
-        f"; random layouts are as accurate as the placed layout in {len(none)} run{'s' * (len(none) != 1)}" * bool(none)
+        f"; random layouts are as accurate as the selected layout in {len(none)} run{'s' * (len(none) != 1)}"
+        * bool(none)
     )
     message += f"; {confirmed} of {len(results)} claims confirmed" if results else ""
     agreeing = sum(row.result == HOLDS for row in suite.comparisons)

@@ -90,7 +90,7 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
             (surface.twice, f"duplicate bridges omitted (same bridge from the opposite side): {surface.twice}"),
             (
                 len(surface.empty),
-                f"no surface facet in {', '.join(surface.empty)}: specify the zone in metres, in deck coordinates",
+                f"no surface facet in the zone {', '.join(surface.empty)}: specify the zone in metres, in deck coordinates",
             ),
         )
         parts += [text for count, text in notes if count]
@@ -202,14 +202,17 @@ def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) ->
         kept_count = int(np.count_nonzero(kind[screened.kept] == i))
         if settings.keep != "all" and kept_count < min(settings.keep, clear):
             name = str(screened.family[int(i)])
-            spacing = f"{1e3 * settings.minimum_spacing:g} mm apart", "reduce screen.minimum_spacing"
-            too_large = "within their measuring range", "use sensors with a larger measuring range"
+            spacing = (
+                f"closer than {1e3 * settings.minimum_spacing:g} mm to another candidate",
+                "reduce screen.minimum_spacing",
+            )
+            too_large = "strained beyond their measuring range", "use sensors with a larger measuring range"
             faults, remedy = zip(
                 *[words for code, words in ((NEAR, spacing), (OVER_RANGE, too_large)) if code in reasons], strict=True
             )
             yield (
-                f"screen.keep requests {settings.keep} candidates of the kind '{name}', but only {kept_count} of {clear} are "
-                f"{' and '.join(faults)}. {' or '.join(remedy).capitalize()}."
+                f"screen.keep requests {settings.keep} candidates of the kind '{name}', but only {kept_count} of {clear} pass "
+                f"the screening, because the others are {' or '.join(faults)}. {' or '.join(remedy).capitalize()}."
             )
 
 
@@ -255,13 +258,13 @@ def run_observe(context: Context[PlacementConfig]) -> Output:
     trained = observed.condition[: len(training.motions)]
     condition = trained.max(axis=0)
     worst = index_of_largest(condition)
-    where = f" in {observed.excitation[index_of_largest(trained[:, worst])]}" * bool(training.cases)
-    cases = "1 set of unknowns" if len(condition) == 1 else f"{len(condition)} sets of unknowns"
+    in_load_case = f" in {observed.excitation[index_of_largest(trained[:, worst])]}" * bool(training.cases)
+    groups, unknowns = len(condition), _unknowns(observed, worst)
     return Output(
         datasets=written(observed),
         summary={f"condition.{case}": float(value) for case, value in zip(observed.case, condition, strict=True)},
-        message=f"{cases}, largest condition number of the PBH matrix {condition[worst]:.2g} "
-        f"for {_unknowns(observed, worst)}{where}",
+        message=f"{groups} group{'s' * (groups != 1)} of unknowns, largest condition number of the PBH matrix "
+        f"{condition[worst]:.2g} for {unknowns}{in_load_case}",
         tables=(_table(observed),),
     )
 

@@ -75,7 +75,7 @@ def test_taking_every_increment_loses_the_ball_that_damping_finds(h):
     x, P = b.start(model, std_xi=np.sqrt(model.coordinates.covariance(guess, 0.02 * guess)[0, 0]), theta=guess)
     run = filter_runs(model, x, P, y, **ITERATED)
     assert model.coordinates.theta(run.mean[-1, 0, model.xi])[0][0] == pytest.approx(b.theta[0], rel=1e-6)
-    with pytest.raises(NumericalError, match="the filter diverged: a time step could not be solved"):
+    with pytest.raises(NumericalError, match="the filter diverged: a time step of the bench could not be solved"):
         filter_runs(model, x, P, y, **ITERATED, damped=False)
     once = filter_runs(model, x, P, y, **one_shot(model), refuse=False)
     assert once.lost[0] >= 0 or abs(model.coordinates.theta(once.mean[-1, 0, model.xi])[0][0] / b.theta[0] - 1) > 0.04

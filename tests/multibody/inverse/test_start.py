@@ -70,7 +70,7 @@ def test_further_motions_are_those_that_the_constraints_leave():
         values = np.linalg.eigvalsh(scaled)
         np.testing.assert_allclose(values, [0.0] * m + [spread**2] * (n - m), atol=1e-12)
     assert not P[2 * n :].any()
-    with pytest.raises(InfeasibleError, match="2 initial standard deviations for 3 unknown inputs"):
+    with pytest.raises(InfeasibleError, match="2 initial standard deviations for 3 unknown loads"):
         start_covariance(b.system, b.q, none, b.theta, model.coordinates, model.inputs, [1.0, 1.0], [])
 
 

@@ -243,7 +243,7 @@ def training_units(quantity: np.ndarray) -> dict[str, str]:
     """Units of datasets of channels of these quantities (m,)."""
     still = np.where(quantity == STRAIN, STRAIN, DISPLACEMENT)
     unit, row = units_in_words(quantity), f"{grouped(units_in_words(still))}/(kg^1/2 m)"
-    return {"the channel": unit, "the variance": f"{grouped(unit)}^2", "the row": row}
+    return {"the channel": unit, "the variance": f"{grouped(unit)}^2", "the strain operator": row}
 
 
 def channels_of(training: Training, screened: Screened) -> CandidateChannels:

@@ -187,7 +187,8 @@ class Bearing:
         values = np.asarray(theta, float)
         if values.shape != (len(PARAMETERS),):
             raise UserError(
-                f"bearing parameters have shape {values.shape}", remedy=f"specify six values: {', '.join(PARAMETERS)}"
+                f"the array of bearing parameters has shape {values.shape}",
+                remedy=f"specify six values: {', '.join(PARAMETERS)}",
             )
         return replace(self, **dict(zip(PARAMETERS, values.tolist(), strict=True)))
 

@@ -138,7 +138,7 @@ class AugmentedStep:
 
     @property
     def loss(self) -> str:
-        return "a time step could not be solved"
+        return "a time step of the bench could not be solved"
 
     def pack(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """x (size,) of q, v (n,), the unknown inputs u (nu,) and all parameters θ (nθ,); w = δ = 0."""

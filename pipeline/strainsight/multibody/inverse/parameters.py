@@ -98,14 +98,14 @@ class ParameterCoordinates:
             inside, bound = value, "not positive"
             if unknown.kind == "diameter":
                 inside = 2 * unknown.smallest / value - 1 if value > 0 else value
-                bound = f"not between 0 and {2 * unknown.smallest:.6g} m, the diameter that fits the grooves"
+                bound = f"not between 0 and {2 * unknown.smallest:.6g} m, the largest diameter that fits the grooves"
             elif unknown.kind == "radius":
                 ball = unknown.diameter if unknown.ball < 0 else float(theta[self.unknowns[unknown.ball].at])
                 inside = 2 * (value - unknown.oversize) / ball - 1
-                bound = f"not above the radius of the ball with preload, {0.5 * ball + unknown.oversize:.6g} m"
+                bound = f"not above {0.5 * ball + unknown.oversize:.6g} m, the ball radius plus preload"
             if not inside > 0:
                 raise InfeasibleError(
-                    f"{unknown.name} of {value:.6g} is {bound}",
+                    f"the value {value:.6g} of the parameter {unknown.name} is {bound}",
                     remedy="correct `guess` or `starts` of this parameter in estimate.parameters",
                 )
             xi[k] = np.log(inside)
@@ -147,7 +147,7 @@ def parameter_coordinates(
             continue
         if bearing not in bearings:
             raise InfeasibleError(
-                f"{name} is estimated, but the dimensions of bearing {bearing} are missing",
+                f"the parameter {name} is estimated, but the dimensions of bearing {bearing} are missing",
                 remedy=f"add the six dimensions of {bearing} to the argument `bearings`",
             )
         unknowns.append(_of_bearing(bearing, part, names, free, reference, np.asarray(bearings[bearing], dtype=float)))
@@ -197,9 +197,9 @@ def start_covariance(
     std_u, std_xi = np.atleast_1d(np.asarray(std_u, dtype=float)), np.asarray(std_xi, dtype=float)
     if std_u.shape != inputs.shape or std_xi.shape[:1] != (coordinates.size,):
         raise InfeasibleError(
-            f"{std_u.size} initial standard deviations for {inputs.size} unknown inputs, and "
+            f"there are {std_u.size} initial standard deviations for {inputs.size} unknown loads, and "
             f"{len(np.atleast_1d(std_xi))} for {coordinates.size} estimated parameters",
-            remedy="specify one standard deviation for each input and each parameter",
+            remedy="specify one standard deviation for each load and each parameter",
         )
     by_u, by_theta = static_response(system, q, u, theta)
     response = np.concatenate([by_u[:, inputs], by_theta @ coordinates.theta(coordinates.xi(theta))[1]], axis=1)

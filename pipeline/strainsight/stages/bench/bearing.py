@@ -39,8 +39,8 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
     page = bearing_page(config.name, {name: _facts(b) for name, b in bearings.items()}, cases, along).encode()
     summary: dict[str, Scalar] = {}
     for case in cases:
-        summary[f"pressure.{case.bearing}.{case.case}"] = case.pressure
-        summary[f"loaded.{case.bearing}.{case.case}"] = case.loaded
+        name = f"{case.bearing}.{case.case}"
+        summary |= {f"pressure.{name}": case.pressure, f"loaded.{name}": case.loaded}
     counts = ((len(bearings), "bearing"), (len(cases), "load case"), (len(along), "curve"))
     text = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
     if cases:

@@ -147,9 +147,9 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
             "The simulated gauge positions are exact: imported rows of the strain operator cannot be moved or rotated."
         )
     errors = tolerances_of(config.tolerances)
-    outside = "temperature" * (errors.temperature == 0), "drift" * (errors.drift == 0), "deformation of the supports"
+    omitted = "temperature, " * (errors.temperature == 0) + "drift, " * (errors.drift == 0)
     notes.append(
-        f"{', '.join(filter(None, outside)).capitalize()} and the adhesive bond of the gauges are not simulated."
+        f"The simulated test omits {omitted}deformation of the supports and of the adhesive bond of the gauges."
     )
     return tuple(notes)
 
@@ -243,7 +243,7 @@ def _metric(criterion: Criterion, place: Artefact) -> data.MetricWords:
     """In words, with the unknowns that it covers where these are not all."""
     layout = read(PlacedLayout, place)
     names = layout.elimination.unknowns
-    of = f", computed for {' and '.join(names)} only" * (len(names) < len(layout.criteria.std))
+    of = f", computed for the unknowns {' and '.join(names)} only" * (len(names) < len(layout.criteria.std))
     return data.MetricWords(criterion.symbol, criterion.meaning + of)
 
 

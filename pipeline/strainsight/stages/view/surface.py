@@ -61,7 +61,7 @@ def caption(strain: SurfaceStrain) -> str:
         unit = strain.unit.replace("N m", "N·m").replace("^2", "²")
         size = f"× {number(strain.size)}" if unit == "1" else quantity(strain.size, unit)
         return f"{strain.load} alone, {size}, {'static with inertia relief' if strain.free else 'static'}"
-    run = f"load case {strain.case}" if strain.case else "simulated training simulation"
+    run = f"load case {strain.case}" if strain.case else "training simulation"
     return f"{run}, t = {strain.instant:.4g} s"
 
 

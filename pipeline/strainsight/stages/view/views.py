@@ -164,7 +164,7 @@ def placement_view(
         return View(title, layout)
     if "estimate" in up:
         return _tested(name, layout, up["estimate"], at, record)
-    return _strain(f"{name}: estimate of the validation, from simulated measurements", layout, up)
+    return _strain(f"{name}: estimate from the simulated test", layout, up)
 
 
 def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | None, record: str | None) -> View:
@@ -181,14 +181,14 @@ def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | No
             if names
             else "omit --record",
         )
-    estimated, of = records[shown], f", record {shown} of {', '.join(names)}" * bool(shown)
-    title = f"{name}: estimate of the test {estimated.source.file}{of}"
+    estimated, of_record = records[shown], f", record {shown} of {', '.join(names)}" * bool(shown)
+    title = f"{name}: estimate from the test {estimated.source.file}{of_record}"
     if "/VTKHDF/Steps" in estimate:
         return surface_view(title, estimate, layout, at)
     then = estimated.moment
     if then is None:
         raise UserError(
-            "the estimate has no field: the mesh has no surface with materials",
+            "the estimate has no surface stress, because no surface of the mesh has a material",
             where=str(estimate.path),
             remedy="use --what layout, or --of validation",
         )
@@ -204,9 +204,7 @@ def _placement_candidates(name: str, layout: PictureLayout, train: Artefact) -> 
     rms = training.rms[candidates.channel_of_grid[strains]]
     others = candidates.first[candidates.quantity[candidates.first] != STRAIN]
     title, layout = f"{name}: {candidates.gauges} candidates", replace(layout, pool=candidates.position[others])
-    return _dotted(
-        title, layout, grids.position[strains], rms * MICRO, "RMS strain in the simulated training simulation", "µm/m"
-    )
+    return _dotted(title, layout, grids.position[strains], rms * MICRO, "RMS strain in the training simulation", "µm/m")
 
 
 def _strain(title: str, layout: PictureLayout, up: Mapping[str, Artefact]) -> View:
