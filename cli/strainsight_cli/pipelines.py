@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 STAGES = {
     "bearing": "Compute load-displacement curves, stiffness and ball loads of a single bearing",
     "import": "Read the deck, with its materials and constraints",
-    "reduce": "Reduce the flexible bodies of a bench",
+    "reduce": "Compute reduced-order models of the flexible bodies of a bench",
     "statics": "Compute the static equilibrium of a bench under its loads",
     "modes": "Compute natural frequencies and mode shapes (for a bench, also the state-space model)",
     "rom": "Compute the reduced-order model",
