@@ -22,7 +22,7 @@ STAGES = {
     "modes": "Compute natural frequencies and mode shapes (for a bench, also the state-space model)",
     "rom": "Compute the reduced-order model",
     "train": "Simulate the structure under the configured loads, with the reading of every candidate gauge",
-    "screen": "Remove candidate gauges that are weak, out of range, or too close to others or to edges",
+    "screen": "Remove candidate gauges with weak readings, out of range, or too close to others or to edges",
     "observe": "Compute which loads and parameters are observable together",
     "place": "Place the gauges",
     "simulate": "Simulate a bench over time",

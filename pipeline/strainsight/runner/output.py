@@ -196,7 +196,7 @@ class _Reading:
         for encoded in sorted(group):
             name = f"{path}/{encoded.decode()}"
             if group.links.get_info(encoded).type != h5l.TYPE_HARD:
-                raise damaged(self.name, f"{name} is an external link, which is not supported")
+                raise damaged(self.name, f"{name} is a soft or external link, which is not supported")
             item = h5o.open(group, encoded)
             if (address := _address(item)) in self.seen or len(self.seen) > MAX_OBJECTS:
                 what = (
