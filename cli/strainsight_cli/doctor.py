@@ -45,11 +45,11 @@ def check_solver() -> DoctorFinding:
     reinstall = "pip install --force-reinstall numpy scipy pypardiso"
     if "solver" not in facts:
         return DoctorFinding("solver", FAILS, ended or "no result", reinstall)
-    text = f"{facts['solver']}, {facts['unknowns']} degrees of freedom in {facts['seconds']:.2f} s"
-    text += f", largest error of the solution {facts['error']:.1e}"
-    if not facts["error"] < ACCURATE:
+    solver, size, seconds, error = (facts[key] for key in ("solver", "unknowns", "seconds", "error"))
+    text = f"{solver}, {size} degrees of freedom in {seconds:.2f} s, largest error of the solution {error:.1e}"
+    if not error < ACCURATE:
         return DoctorFinding("solver", FAILS, f"{text} (limit {ACCURATE:.0e})", reinstall)
-    if facts["solver"] != "PARDISO":
+    if solver != "PARDISO":
         why = f" ({facts['why']})" if facts.get("why") else ""
         meaning = "the solver is many times slower, and limited to 100 000 degrees of freedom"
         return DoctorFinding("solver", WARNING, f"{text}; PARDISO is not available{why}, so {meaning}", install)
@@ -87,14 +87,14 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         if (value := environment.get(name)) is None:
             continue
-        head, remedy = value.split(",")[0].strip(), f"unset {name}, or set a value from 1 to {available}"
-        if not head.isdigit() or int(head) < 1:
-            findings.append(DoctorFinding(name, WARNING, f"'{value}' is not a number of threads", remedy))
-        elif int(head) > available:
-            findings.append(DoctorFinding(name, WARNING, f"{head} threads on {available} cores", remedy))
+        threads, remedy = value.split(",")[0].strip(), f"unset {name}, or set a value from 1 to {available}"
+        if not threads.isdigit() or int(threads) < 1:
+            findings.append(DoctorFinding(name, WARNING, f"'{value}' is not a positive number of threads", remedy))
+        elif int(threads) > available:
+            findings.append(DoctorFinding(name, WARNING, f"{threads} threads on only {available} cores", remedy))
         else:
-            several = ": suitable for several parallel runs" * (int(head) < available)
-            findings.append(DoctorFinding(name, GOOD, f"{head} of {available} cores{several}"))
+            several = ": suitable for several parallel runs" * (int(threads) < available)
+            findings.append(DoctorFinding(name, GOOD, f"{threads} of {available} cores{several}"))
     return findings
 
 

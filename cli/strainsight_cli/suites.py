@@ -135,22 +135,22 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
 
     files = {key: path for stage in works[i].stages for key, path in files_of(stage, works[i].job).items()}
     for key, j in makers(works[i], works).items():
-        stage = files[key].stem
+        path, stage = files[key], files[key].stem
         if j > i:
             raise ConfigError(
-                f"{files[key]} comes from '{works[j].run}', which runs later in this suite",
+                f"{path} is written by the run '{works[j].run}', which is later in this suite",
                 key=key,
                 where=works[i].job.locate(key),
                 remedy=f"move run '{works[j].run}' before this run",
             )
         reached = [each.name for each in works[j].stages]
         later = [each.name for each in pipelines.stages_of(works[j].job.config) if each.name not in reached]
-        if files[key].suffix == ".h5" and stage in later:
+        if path.suffix == ".h5" and stage in later:
             raise ConfigError(
-                f"the run ends after the stage '{works[j].stages[-1].name}', before it writes {files[key].name}",
+                f"the run ends after the stage '{reached[-1]}', before it writes {path.name}",
                 key=f"runs[{j}].until",
                 where=suite.locate(f"runs.{j}.until"),
-                remedy=f"set until: {stage}; runs[{i}] needs this file for {key}",
+                remedy=f"set until: {stage}; the key {key} of runs[{i}] needs this file",
             )
 
 

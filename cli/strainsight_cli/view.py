@@ -93,7 +93,9 @@ def viewable(loaded: LoadedConfig, config: Path) -> PlacementConfig | BenchConfi
     if isinstance(model, PlacementConfig | BenchConfig):
         return model
     if model.kind == "suite":
-        raise UserError("a suite has no view", where=str(config), remedy="use the config of one of its runs")
+        raise UserError(
+            "`view` and `figures` do not support a suite", where=str(config), remedy="use the config of one of its runs"
+        )
     raise UserError(
         "a bearing config has no mesh", where=str(config), remedy="open bearing.html for its curves and ball loads"
     )

@@ -279,7 +279,7 @@ def interval_of(draws: np.ndarray) -> Interval:
     Weibull (1939); Hyndman and Fan, The American Statistician 50 (1996), type 6."""
     if len(draws) < FEWEST:
         raise ValueError(
-            f"{len(draws)} samples of the fatigue damage are too few for a 95 % interval; at least {FEWEST} are needed"
+            f"{len(draws)} random samples of the fatigue damage are too few for a 95 % interval; at least {FEWEST} are needed"
         )
     ordered = np.sort(draws, axis=0)
     return Interval(*(_between(ordered, q) for q in (0.5, 0.025, 0.975)))

@@ -74,7 +74,7 @@ class Run(Written):
     """Results of a placement. Grids: "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain of the
     candidates, "estimate" with `estimate.field` the surface over time."""
 
-    GRIDS = "use the stage import, rom, place or validate; or set `estimate.field` and use the stage estimate"
+    GRIDS = "use stage='import', 'rom', 'place' or 'validate'; or set `estimate.field` in the config and use stage='estimate'"
 
     @property
     def mesh(self) -> Mesh:
@@ -114,7 +114,7 @@ class Run(Written):
 class BenchRun(Written):
     """Results of a bench, or of bearings alone. Grids: "place" the pool, "field" the surface of a body over time."""
 
-    GRIDS = "add the section `place` or `field` to the config, and use the stage with this name"
+    GRIDS = "use stage='place' or stage='field'; the config must have a section of this name"
 
     @property
     def meshes(self) -> dict[str, Mesh]:

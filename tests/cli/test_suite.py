@@ -196,8 +196,8 @@ def test_a_guess_from_a_run_that_ends_before_it_or_comes_later_is_refused(guessi
         guessing("first", until="place")
     assert caught.value.key == "runs[0].until"
     assert "guess.yaml:5:" in caught.value.where
-    assert caught.value.remedy == "set until: validate; runs[1] needs this file for parameters.E.guess.from"
-    with pytest.raises(ConfigError, match="which runs later in this suite"):
+    assert caught.value.remedy == "set until: validate; the key parameters.E.guess.from of runs[1] needs this file"
+    with pytest.raises(ConfigError, match="which is later in this suite"):
         guessing(guessing.path, place=0)
 
 

@@ -303,7 +303,7 @@ def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
         **{name: json.loads(attributes.get(name, "{}")) for name in MAPPINGS},
     )
     if foreign := [name for name in header.side_files or {} if not is_plain_name(name)]:
-        raise damaged(path, f"the header lists a file with an invalid name, {foreign[0]!r}")
+        raise damaged(path, f"the header of the results file lists a file with an invalid name, {foreign[0]!r}")
     return header, str(attributes["digest"]), str(attributes["message"])
 
 

@@ -196,7 +196,7 @@ class _Reading:
         for encoded in sorted(group):
             name = f"{path}/{encoded.decode()}"
             if group.links.get_info(encoded).type != h5l.TYPE_HARD:
-                raise damaged(self.name, f"{name} is an external link, which is not supported")
+                raise damaged(self.name, f"{name} is a soft or external link, which is not supported")
             item = h5o.open(group, encoded)
             if (address := _address(item)) in self.seen or len(self.seen) > MAX_OBJECTS:
                 what = (
@@ -235,7 +235,7 @@ class _Reading:
             value: Any = array[()]
             if dtype.hasobject:
                 value = value.decode("utf-8", "surrogateescape") if isinstance(value, bytes) else str(value)
-            self._claim(len(value) if isinstance(value, str) else array.nbytes, f"the attributes of {name}")
+            self._claim(len(value) if isinstance(value, str) else array.nbytes)
             values[key] = value
         return values
 
@@ -252,7 +252,7 @@ class _Reading:
             )
         if layout == h5d.CHUNKED:  # can unpack to a piece of any size
             raise damaged(self.name, f"{name} has an unexpected storage layout")
-        self._claim(stored, f"{name} and the earlier objects")
+        self._claim(stored)
         if self.size > IN_MEMORY:
             return None
         array = np.empty(shape, dtype)
@@ -260,10 +260,10 @@ class _Reading:
             item.read(h5s.ALL, h5s.ALL, array)
         return array
 
-    def _claim(self, size: int, what: str) -> None:
+    def _claim(self, size: int) -> None:
         self.claimed += size
         if self.claimed > self.size:
-            raise damaged(self.name, f"{what} are larger than the file")
+            raise damaged(self.name, f"attributes and datasets require more than the {self.size} bytes of the file")
 
 
 def _address(item: Any) -> int:

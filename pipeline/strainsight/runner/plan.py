@@ -243,7 +243,7 @@ def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finishe
     complete = len(upstream) == len(stage.upstream) and len(inputs.digests) == len(inputs.files)
     # The comparison above is for people; the key decides. A header altered by hand is caught here.
     if not reasons and complete and inputs.key(stage, upstream) != header.key:
-        reasons.append("the checksum of the inputs changed")
+        reasons.append("the checksum in the results file does not match the config and the input files")
     return reasons
 
 
@@ -273,9 +273,7 @@ def files_of(stage: Stage, job: Job) -> dict[str, Path]:
             if (value := look_up(job.config, key)) is None:
                 continue
             if key not in expand(config, key):
-                raise ValueError(
-                    f"the stage '{stage.name}' reads the file of the key '{key}', but Stage.reads lacks this key"
-                )
+                raise ValueError(f"Stage.files of the stage '{stage.name}' contains '{key}'; add it to Stage.reads too")
             files[key] = _input_path(key, str(value), job)
     return files
 

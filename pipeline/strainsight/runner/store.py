@@ -226,9 +226,9 @@ def _reserve(path: Path, size: int) -> None:
 def _check(output: Output) -> None:
     for path, dataset in output.datasets.items():
         if not path.startswith("/") or path.endswith("/") or "//" in path or path in ("/summary", "/tables"):
-            raise ValueError(f"'{path}' is not the path of a dataset")
+            raise ValueError(f"'{path}' is not a valid path of an HDF5 dataset")
         if not _raw(path) and not (dataset.unit and dataset.description):
-            raise ValueError(f"{path} has no unit or no description")
+            raise ValueError(f"the dataset {path} has no unit or no description")
         missing = [scale for scale in dataset.scales if scale and scale not in output.datasets]
         if missing:
             raise ValueError(f"{path}: the dimension scale {missing[0]} is not among the datasets of the stage")
@@ -268,7 +268,7 @@ def _write_content(file: h5py.File, output: Output) -> None:
     summary = file.create_group("summary")
     for name, scalar in output.summary.items():
         if not isinstance(scalar, str | bool | int | float | np.generic):
-            raise ValueError(f"summary {name} is a {type(scalar).__name__}, not a scalar")
+            raise ValueError(f"the summary value {name} is a {type(scalar).__name__}, not a number, boolean or text")
         summary.attrs[name] = scalar
     tables = [{"title": t.title, "columns": t.columns, "rows": t.rows} for t in output.tables]
     # A dataset and not an attribute, which HDF5 limits to 64 KiB.

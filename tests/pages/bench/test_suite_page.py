@@ -109,8 +109,8 @@ def test_a_statement_over_seeds_is_shown_with_its_spread_in_how_many_it_holds_an
     found = over_seeds(*map(float, range(21)), below=5.0, unit="%", why="Loads <move>.")
     assert measured(found) == "10 (2 to 18) %"
     page = statements_table(suite([run("one")], (found,)))
-    assert "median and 10 to 90 % quantiles of 21 seeds" in words(page)
-    assert "except one: n within the bounds in 5 of 21 seeds" in words(page)
+    assert "median and 10 to 90 % quantiles of 21 random seeds" in words(page)
+    assert "except one: n within the bounds for 5 of 21 random seeds" in words(page)
     assert "Loads &lt;move&gt;." in page
 
 

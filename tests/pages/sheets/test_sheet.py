@@ -114,4 +114,4 @@ def test_names_are_text_and_a_page_takes_so_many_sheets():
     page = sheets_section([large] * 5)
     assert page.count("<figure") == 2
     assert "5 drawing sheets" in page
-    assert "too large for 3 more sheets, available as files only" in page
+    assert "omits 3 sheets, available as files only" in page

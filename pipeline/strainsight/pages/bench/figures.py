@@ -112,12 +112,12 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
     plain_axis(axes)
     plain_axis(below)
-    below.set_ylabel("ratio to the load on the bench\nof the measurements [–]")
+    below.set_ylabel("ratio to the load\non the measured bench [–]")
     time_axis(below)
     legend_of_lines(axes, labels)
     caption = (
-        f"{name} on this bench. Below, ratio of {name} on this bench to the load on the bench of the measurements "
-        f"(estimate.measured.from). Range of the ratio while the load on the bench of the measurements "
+        f"{name} on this bench. Below, ratio of {name} on this bench to {name} on the measured bench (the run in "
+        f"estimate.measured.from). Range of the ratio while {name} on the measured bench "
         f"exceeds {number(LARGE)} of its maximum: {'; '.join(text) or 'not available'}."
     )
     return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", svg(canvas))

@@ -180,9 +180,7 @@ def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
         shown["unknowns"] = (
             *(unknown_figure(f"unknown-{i}", f"{one.name}, {kinds[one.kind]}", [("", one)]) for i, one in every),
             *(
-                ratio_figure(
-                    f"ratio-{i}", f"{one.name}: ratio to the load on the bench of the measurements", [("", one)]
-                )
+                ratio_figure(f"ratio-{i}", f"{one.name}: ratio to the load on the measured bench", [("", one)])
                 for i, one in every
                 if one.unscaled is not None
             ),
@@ -287,7 +285,7 @@ NAMES = {
 }
 """Key of a simulation number → its name and unit."""
 OF_ESTIMATE = {
-    "method": "correction method of the filter",
+    "method": "measurement update of the filter",
     "truth": "simulated test",
     "channels": "number of channels",
     "unknowns": "number of unknowns",

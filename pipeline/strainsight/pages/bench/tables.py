@@ -74,7 +74,7 @@ COLUMNS: tuple[tuple[str, Cell], ...] = (
     ("error", _shown("error", ratio)),
     ("largest error", _shown("largest_error", ratio)),
     ("claimed σ", _shown("std", ratio)),
-    ("RMS of error / σ, all runs", _shown("ratio", lambda value: plain(value, 3))),
+    ("RMS of error / σ, all filter runs", _shown("ratio", lambda value: plain(value, 3))),
     ("consistency", _consistency),
     ("identified", _shown("identified", lambda value: YES_NO[bool(value)])),
     ("slope", _shown("slope", lambda value: plain(value, 5))),
@@ -89,9 +89,9 @@ MEANINGS = {
     "error": "Errors and claimed σ of loads are RMS over the second half of the run, relative to the largest true load. Errors "
     "and claimed σ of parameters are final values, relative to the true value.",
     "slope": "Slope and offset: linear fit estimate = slope · true value + offset.",
-    "load ratio": "Load ratio: load on this bench divided by the load on the bench of the measurements (estimate.measured.from). "
-    "Slope and offset: linear fit load on this bench = slope · load on the bench of the measurements + offset. "
-    "Mean and range: over the instants at which the load on the bench of the measurements exceeds 0.3 of its maximum.",
+    "load ratio": "Load ratio: load on this bench divided by the load on the measured bench (the run in estimate.measured.from). "
+    "Slope and offset: linear fit load on this bench = slope · load on the measured bench + offset. "
+    "Mean and range: over the instants at which the load on the measured bench exceeds 0.3 of its maximum.",
     "mismatch": "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading. The table "
     "shows the largest value of all components, separately for the sensors used by the filter and the unused sensors.",
     "NIS": "NIS: normalised innovation squared divided by the number of channels.",

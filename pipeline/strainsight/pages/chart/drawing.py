@@ -179,6 +179,6 @@ def saved(canvas: Figure, **options: Any) -> bytes:
     """Figure as a file with options of `savefig`; missing glyphs are ignored, as the reader's fonts are used."""
     buffer = io.BytesIO()
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        warnings.filterwarnings("ignore", message=r"Glyph \d+ .*missing from font")
         canvas.savefig(buffer, **options)
     return buffer.getvalue()

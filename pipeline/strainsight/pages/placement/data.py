@@ -127,7 +127,7 @@ class Criteria:
 
 @dataclass(frozen=True)
 class ObservabilityCase:
-    """Observability of one set of unknowns: excitation ("training simulation", "35 Hz"); condition of the scaled PBH
+    """Observability of one group of unknowns: excitation ("training simulation", "35 Hz"); condition of the scaled PBH
     matrix at λ = 0, raw: of the unscaled matrix; lost: weakly observable combination, in words."""
 
     unknowns: tuple[str, ...]

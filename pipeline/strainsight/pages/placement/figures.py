@@ -188,7 +188,9 @@ def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
         caption += f"; diverged and not shown: {lost}." if lost else "."
         if len(entry.finite):
             medians.append(f"median of random layouts from {pool} {percent(float(np.median(entry.finite)))}")
-    caption += " Each layout is tested with one noise sample, so a random layout can be more accurate by chance."
+    caption += (
+        " Each layout is tested with one random sample of the noise, so a random layout can be more accurate by chance."
+    )
     alt = f"Dot plot of errors of {name}: chosen layout {percent(chosen)}; {'; '.join(medians)}"
     return Drawing(f"random-errors-{name}", f"{name}: errors of random layouts", caption, alt, svg(canvas))
 

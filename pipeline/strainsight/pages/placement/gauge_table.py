@@ -286,7 +286,7 @@ def load_cases_table(report: PlacementReport) -> str:
 
 
 def cases_table(cases: Sequence[ObservabilityCase]) -> str:
-    """Table of sets of unknowns by excitation: condition numbers and unobservable combinations."""
+    """Table of groups of unknowns by excitation: condition numbers and unobservable combinations."""
     excitations = list(dict.fromkeys(case.excitation for case in cases))
     grid: dict[tuple[str, ...], dict[str, ObservabilityCase]] = {}
     for case in cases:
@@ -301,7 +301,7 @@ def cases_table(cases: Sequence[ObservabilityCase]) -> str:
         "States are scaled by the motion amplitude of the training simulation (stage `train`), so only numbers in one "
         "column (the same excitation) are comparable."
     )
-    return table("sets of unknowns", head, rows, caption=caption, numeric=range(1, len(head) - 1))
+    return table("groups of unknowns", head, rows, caption=caption, numeric=range(1, len(head) - 1))
 
 
 def _sigma(value: float | None, unit: str) -> str:

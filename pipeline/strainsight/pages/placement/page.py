@@ -255,8 +255,8 @@ def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
         yield "var(--muted)", "hollow", f"{count(bonded)} gauge{'s' * (bonded > 1)} already bonded"
     yield POOL, "dot", f"{count(len(layout.pool))} candidate positions"
     if layout.loads:
-        loads = [f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads]
-        yield VERMILION, "", f"load {', '.join(loads)}"
+        loads = [f"{'known' if load.known else 'unknown'} load {escape(load.name)}" for load in layout.loads]
+        yield VERMILION, "", ", ".join(loads)
     if len(layout.fixed):
         yield CLAMP, "", "supported nodes"
     if len(layout.loose):
@@ -370,7 +370,7 @@ def _observability(report: PlacementReport) -> str:
             for check in report.consistency
         ]
         caption = (
-            "Number: squared error divided by the claimed variance, per dimension; 1 is ideal. "
+            "Number: normalised squared error of the estimate (NEES) or of the innovations (NIS), per dimension; ideally 1. "
             "Band: range of the number if σ is calibrated."
         )
         head = ("check", "number", "band", "result")
@@ -381,7 +381,7 @@ def _observability(report: PlacementReport) -> str:
         cards.append(table("modes", ("mode", "frequency"), rows, caption=caption, numeric=(1,)))
     body = figures((f'<div class="card">{card}</div>' for card in cards), grid="panels")
     if report.cases:
-        body = f'<div class="card"><h3>Observability of sets of unknowns</h3>{cases_table(report.cases)}</div>{body}'
+        body = f'<div class="card"><h3>Observability of groups of unknowns</h3>{cases_table(report.cases)}</div>{body}'
     return f"<h2>Observability, consistency, modes</h2>{body}" if body else ""
 
 

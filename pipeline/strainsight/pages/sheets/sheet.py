@@ -85,17 +85,17 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
     for name, value in zip("xyz", sheet.position, strict=True):
         yield f"{name} from the datum", f"{views.size(value, sheet)} {frame.unit}"
     for k, d in enumerate(sheet.directions, start=1):
-        yield f"direction of grid {k}" if len(sheet.directions) > 1 else "measuring direction", _vector(d)
+        yield f"measuring direction {k}" if len(sheet.directions) > 1 else "measuring direction", _vector(d)
     yield "normal", _vector(sheet.normal)
     for name, distance, angle in zip(("nearest edge", "transverse edge"), sheet.distance, sheet.angle, strict=True):
         if np.isfinite(distance):
             turn = f", at {views.degrees(angle)}" if np.isfinite(angle) else ""
             yield name, f"{views.size(distance, sheet)} {frame.unit}{turn}"
     if sheet.strain:
-        yield "measuring grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length unknown"
+        yield "measuring grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "grid length unknown"
         if len(sheet.directions) == 1:
             yield (
-                "drawn carrier size",
+                "carrier as drawn",
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
@@ -174,7 +174,7 @@ def sheets_section(sheets: Sequence[bytes]) -> str:
     if not sheets:
         return ""
     more = len(sheets) - len(shown)
-    rest = f" The page is too large for {more} more sheet{'s' * (more > 1)}, available as files only." * bool(more)
+    rest = f" To limit its size, this page omits {more} sheet{'s' * (more > 1)}, available as files only." * bool(more)
     return (
         f"<details><summary>{len(sheets)} drawing sheet{'s' * (len(sheets) > 1)} for the workshop</summary>"
         f'<p class="note">For printing at 100 % on A4, use the files sheet-….svg in the folder of this page.{rest}</p>'

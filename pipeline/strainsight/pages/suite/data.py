@@ -320,8 +320,8 @@ def _spread(seeds: Sequence[Sequence[float]], shown: Shown, unit: str) -> str:
     if len(seeds) <= FEW:
         return ", ".join(f"{shown(b)} ({shown(a)} to {shown(c)})" for a, b, c in np.array(shares).tolist()) + unit
     low, high = np.nanmin(shares, axis=0).tolist(), np.nanmax(shares, axis=0).tolist()
-    medians, around = (f"{shown(a)} to {shown(b)}" for a, b in ((low[1], high[1]), (low[0], high[2])))
-    return f"{medians} ({around}){unit}, {shown(len(seeds))} numbers"
+    medians, quantiles = (f"{shown(a)} to {shown(b)}" for a, b in ((low[1], high[1]), (low[0], high[2])))
+    return f"{medians} ({quantiles}){unit}, {shown(len(seeds))} numbers"
 
 
 def side(statement: Statement | None, shown: Shown = number) -> str:
@@ -357,7 +357,7 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
             + (
                 plain(values[0])
                 if len(values) == 1
-                else f"within the bounds in {inside.count(True)} of {len(values)} seeds"
+                else f"within the bounds for {inside.count(True)} of {len(values)} random seeds"
             )
             for (i, name), values in statement.seeds.items()
             if (inside := [*map(statement.holds, values)]) and statement.holds_over(values) is not True
@@ -365,7 +365,7 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
         wrong = f"<br><small>except {_few(bad, '; ')}</small>"
     wrong += reason(statement.result, statement.why)
     seeds = most(statement)
-    compared += f", median and 10 to 90 % quantiles of {count(seeds)} seeds," if seeds > 1 else ""
+    compared += f", median and 10 to 90 % quantiles of {count(seeds)} random seeds," if seeds > 1 else ""
     safe = replace(statement, unit=escape(statement.unit))
     return (
         f'<tr id="claim-{index}"><th scope="row">{index}. {escape(statement.text)}</th>'

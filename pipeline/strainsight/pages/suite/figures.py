@@ -74,9 +74,7 @@ def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
         drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", lines))
         if elsewhere := [(label, unknown) for label, unknown in lines if unknown.unscaled is not None]:
             drawings.append(
-                ratio_figure(
-                    f"{key}-ratio-{i}", f"{name}: ratio to the load on the bench of the measurements{behind}", elsewhere
-                )
+                ratio_figure(f"{key}-ratio-{i}", f"{name}: ratio to the load on the measured bench{behind}", elsewhere)
             )
     sensors = [(run.label, sensor) for run in runs for sensor in run.sensors]
     for i, name in enumerate(dict.fromkeys(sensor.name for _, sensor in sensors)):
@@ -203,7 +201,7 @@ def suite_figures(report: Suite) -> tuple[Drawing, ...]:
 
 @styled()
 def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
-    """Condition of the scaled PBH matrix at λ = 0; groups are sets of unknowns, colours are excitations."""
+    """Condition of the scaled PBH matrix at λ = 0; rows are groups of unknowns, colours are excitations."""
     groups = groups_of(series)
     values = np.array(
         [[entry.cases[g].condition if g in entry.cases else np.nan for entry in series] for g in groups], dtype=float
@@ -242,7 +240,7 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     rows = [", ".join(_rounded(value) for value in row if not np.isnan(value)) for row in values]
     text = "; ".join(f"{group} {row}" for group, row in zip(groups, rows, strict=True))
     alt = f"Bar chart of condition numbers at {len(series)} excitations: {text}."
-    return Drawing("pbh", "Condition number of every set of unknowns", caption, alt, svg(canvas))
+    return Drawing("pbh", "Condition number of every group of unknowns", caption, alt, svg(canvas))
 
 
 @styled()

@@ -79,13 +79,13 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
 def _studies(suite: Suite, cards: Cards) -> list[str]:
     """List of studies, every study with its runs and figures, and benches without a study."""
     parts, items = [], ""
-    for place, study in enumerate(suite.studies, start=1):
-        shown = figures(card for key, card in cards.items() if key.startswith(f"study-{place - 1}-"))
+    for index, study in enumerate(suite.studies, start=1):
+        shown = figures(card for key, card in cards.items() if key.startswith(f"study-{index - 1}-"))
         note = f'<p class="lead">{escape(study.note)}</p>' if study.note else ""
-        runs = _benches(suite, study.runs, f"runs of study {place}", shown)
+        runs = _benches(suite, study.runs, f"runs of study {index}", shown)
         name, many = escape(study.name), f"{len(study.runs)} run{'s' * (len(study.runs) != 1)}"
-        items += f'<li><a href="#study-{place}">{name}</a> <small>({many})</small></li>'
-        parts.append(f'<section id="study-{place}"><h2>{place}. {name}</h2>{note}{runs}</section>')
+        items += f'<li><a href="#study-{index}">{name}</a> <small>({many})</small></li>'
+        parts.append(f'<section id="study-{index}"><h2>{index}. {name}</h2>{note}{runs}</section>')
     if len(suite.studies) > 1:
         contents = f'<h2>Studies</h2><ol class="contents">{items}</ol>'
         parts.insert(0, f'<nav class="card" aria-label="studies">{contents}</nav>')

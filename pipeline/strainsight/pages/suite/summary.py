@@ -73,7 +73,7 @@ def series_of(report: Suite) -> tuple[ExcitationSeries, ...]:
 
 
 def groups_of(series: tuple[ExcitationSeries, ...]) -> tuple[str, ...]:
-    """Occurring sets of unknowns, smallest first."""
+    """Occurring groups of unknowns, smallest first."""
     names = dict.fromkeys(group for entry in series for group in entry.cases)
     return tuple(sorted(names, key=lambda group: group.count(" + ")))
 
@@ -90,7 +90,7 @@ def observability_section(report: Suite, cards: Mapping[str, str]) -> str:
     if not series:
         return ""
     motions = [[escape(entry.heading), escape(entry.label)] for entry in series]
-    listed = table("excitations", ("excitation of", "label of the run (of several runs: of the first)"), motions)
+    listed = table("excitations", ("excitation of", "label of the (first) run"), motions)
     missing, rows = [], []
     for group in groups_of(series):
         cases = [entry.cases.get(group) for entry in series]
@@ -337,4 +337,6 @@ def _claim_numbers(result: Result) -> str:
 def _lost(result: Result) -> str:
     """Number of diverged repeats in brackets, empty without any."""
     repeats = result.unknown.repeats
-    return f"({count(repeats.lost)} of {count(len(repeats.error))} repeats)" if repeats and repeats.lost else ""
+    return (
+        f"(in {count(repeats.lost)} of {count(len(repeats.error))} repeated runs)" if repeats and repeats.lost else ""
+    )
