@@ -127,8 +127,8 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
             pool = strain.candidates
             if not len(pool):
                 raise InfeasibleError(
-                    f"no place for a {gauges.bridge} bridge: none of {strain.alone} candidate places has an opposite facet that "
-                    "allows a gauge in the same direction",
+                    f"no location for a {gauges.bridge} bridge: none of {strain.alone} candidate locations has an opposite facet "
+                    "that allows a gauge in the same direction",
                     key="gauges.bridge",
                     remedy="Include both sides of the wall (gauges.surface, gauges.include, gauges.exclude), choose another "
                     "direction, or remove gauges.bridge.",
@@ -138,7 +138,7 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
     well = fits(mesh.position, pool, facets)
     if not well.any():
         raise ConfigError(
-            f"a measuring grid of {length:g} m length crosses a sharp edge at all {len(pool)} candidate places",
+            f"a measuring grid of {length:g} m length crosses a sharp edge at all {len(pool)} candidate locations",
             key="gauges.grid_length",
             remedy="Reduce gauges.grid_length.",
         )

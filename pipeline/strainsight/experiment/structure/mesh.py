@@ -58,7 +58,7 @@ HEAVY = 100.0
 STEEL = 7850.0
 """Density [kg/m³] for the plausibility of point masses: a steel ball should not exceed the structure."""
 SHOWN = 3
-"""Most springs and relations that are listed."""
+"""Most springs and constraint equations that are listed."""
 
 
 def free_motions(mesh: Mesh) -> tuple[str, ...]:
@@ -84,15 +84,15 @@ def loose_warnings(mesh: Mesh) -> tuple[str, ...]:
 
 
 def grounding_warnings(mesh: Mesh) -> tuple[str, ...]:
-    """Warning about springs and relations that resist a rigid-body motion."""
+    """Warning about springs and constraint equations that resist a rigid-body motion."""
     grounding = links(mesh, EXACT)
     if not grounding:
         return ()
     named = "; ".join(f"{link.name} ({link.motion}, nodes {link.apart:.3g} m apart)" for link in grounding[:SHOWN])
     more = f" and {len(grounding) - SHOWN} more" if len(grounding) > SHOWN else ""
     return (
-        f"springs or relations between nodes resist a rigid-body motion like a support: {named}{more}. Move "
-        "their end nodes to the same point, or align the springs and relations with the line between their end nodes",
+        f"springs or constraint equations between nodes resist a rigid-body motion like a support: {named}{more}. Move their "
+        "end nodes to the same point, or align the springs and equations with the line between their end nodes",
     )
 
 
@@ -383,7 +383,7 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
             lines = f"mesh.faces: {{seat: {{{pointed_at(int(face), faces, mesh.position, facets)}}}}} and {lines}"
         yield (
             f"the flat face of {faces.area[face]:.3g} m² at {_point(faces.centre[face])} is {contact.in_words(i)}. If it is a "
-            f"contact face, exclude it from gauges: {lines}"
+            f"contact face, exclude it from gauges by {lines}"
         )
 
 
