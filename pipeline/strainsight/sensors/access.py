@@ -132,7 +132,7 @@ class ContactFaces:
     places: np.ndarray
     instead_of: np.ndarray
 
-    def in_words(self, i: int) -> str:
+    def support_in_words(self, i: int) -> str:
         """Why face i is a contact face."""
         bores, places = int(self.bores[i]), int(self.places[i])
         reasons = [f"supported at {bores} bore{'s' * (bores != 1)}"] * (bores > 0)

@@ -182,7 +182,7 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
                     )
     doubts += [*doubtful_drives(config, using.files), *overloaded(config, pressure)]
     if system.size > system.constrained and settings.tolerance is None and turn > TURN[settings.method]:
-        doubts.append(f"a body rotates by {turn:.3g} rad per time step, and {_turning(turn, settings)}")
+        doubts.append(_turning(turn, settings))
     moved = tuple(
         (name, str(i), f"{1e3 * distance:.3g} mm")
         for name, on in sensors.bonded.items()
@@ -216,7 +216,7 @@ def _turning(turn: float, settings: Simulate) -> str:
     else:
         lag, gain = 100 * LAG * turn**2, 100 * GAIN * turn**4 / h
         what = f"a freely rotating body lags by {lag:.2g} % of its angle and gains {gain:.2g} % of its speed per second"
-    return f"{what}. Reduce simulate.time_step"
+    return f"a body rotates by {turn:.3g} rad per time step, and {what}. Reduce simulate.time_step"
 
 
 def _refuse_tilted(bench: Bench, run: Trajectory) -> None:

@@ -199,8 +199,8 @@ def _uneliminated(task: Task, layout: OptimisedLayout) -> Iterator[str]:
         return
     every, entered = len(task.whole.limits.size), len(task.whole.rows)
     yield (
-        f"This bound covers all {every} candidates. The elimination used {entered} of them; {layout.better or 'none'} of the "
-        "remaining candidates could improve the layout."
+        f"The optimality bound covers all {every} candidates. The elimination used {entered} of them; {layout.better or 'none'} "
+        "of the remaining candidates could improve the layout."
     )
 
 

@@ -119,8 +119,8 @@ def bent_warning(structure: Structure, bent: np.ndarray) -> str:
         return ""
     names = ", ".join(structure.training.name[i] or f"fixed {i + 1}" for i in bonded)
     return (
-        f"Gauges bonded where the surface radius is below the minimum bend radius of gauge type {gauges.type}, "
-        f"{1e3 * kind.bend_radius:g} mm: {names}. Check the adhesion of the carrier, or set gauges.type to the bonded type."
+        f"At {names} the surface radius is below the minimum bend radius of gauge type {gauges.type}, "
+        f"{1e3 * kind.bend_radius:g} mm. Check the adhesion of the carrier, or set gauges.type to the bonded type."
     )
 
 

@@ -129,9 +129,11 @@ class Evidence:
 
     def overconfident(self) -> list[str]:
         """Sentence for every overconfident claim."""
-        subjects = {name: f"the estimate of {name}" for name in self.names}
-        subjects |= {smoothed_name(name): f"the smoothed estimate of {name}" for name in self.names}
-        return [f"{subjects[key]} is {one.words(number)}" for key, one in self.claims.items() if one.overconfident]
+        kinds = {name: ("", name) for name in self.names} | {
+            smoothed_name(name): ("smoothed ", name) for name in self.names
+        }
+        wrong = ((*kinds[key], claim.words(number)) for key, claim in self.claims.items() if claim.overconfident)
+        return [f"the {smoothed}estimate of {name} is {words}" for smoothed, name, words in wrong]
 
     def warnings(self) -> Iterator[str]:
         """Warnings about overconfident, unobservable or inconsistent estimates."""
