@@ -178,7 +178,7 @@ def _bonded_entry(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> B
 
 def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, called: str) -> BondedEntry:
     """Bridge of arms with signs; the first arm with sign 1 defines its position; called: name in messages."""
-    named = [(replace(arm, name=f"{called}, arm {k + 1},"), sign) for k, (arm, sign) in enumerate(arms)]
+    named = [(replace(arm, name=f"{called}, arm {k + 1}"), sign) for k, (arm, sign) in enumerate(arms)]
     (first, _), *others = sorted(named, key=lambda arm: -arm[1])
     return replace(first, name=name, arms=others)
 
