@@ -114,10 +114,10 @@ def test_whiteness_tells_white_from_coloured():
 @pytest.mark.parametrize(
     ("process", "noise", "said"),
     [
-        (1, 1, "as large as expected from the configured noise and uncorrelated"),
+        (1, 1, "as large as expected from the configured noise, and successive innovations are uncorrelated"),
         (1, 1 / 9, "2.6 times as large as expected from the configured noise: check channels, known loads and the model"),
         (9, 9, "3.0 times smaller than expected from the configured noise: lower noise_std or process_noise"),
-        (1 / 100, 1, "and correlated in time"),
+        (1 / 100, 1, "successive innovations are correlated (0."),
         (1 / 100, 1, "; check channels, known loads and the model"),
         (1, 9, "; lower noise_std"),
     ],
@@ -144,7 +144,7 @@ def test_innovation_check_detects_coloured_innovations():
     white = np.random.default_rng(3).standard_normal((4000, 5))
     opposed = (white[1:] - 0.5 * white[:-1]) / np.sqrt(1.25)
     assert (
-        "and alternate in sign (correlation -0.39): the filter gain is too large; check channels, known loads and the model"
+        "alternate in sign (correlation -0.39): the filter gain is too large; check channels, known loads and the model"
         in check_innovations(opposed).text
     )
     assert check_innovations(white).consistent

@@ -175,11 +175,11 @@ def test_zeros_belong_to_the_channel_and_temperature_to_the_arms(beam):
 
 
 def test_an_arm_off_the_surface_is_named_with_its_key(beam):
-    arm = BondedEntry((0.5, 0.05, 0.2), ALONG, name="B, arm 2,", key="gauges.fixed.0.arms.1")
+    arm = BondedEntry((0.5, 0.05, 0.2), ALONG, name="B, arm 2", key="gauges.fixed.0.arms.1")
     with pytest.raises(UserError) as caught:
         bonded(*beam, [BondedEntry(TOP, ALONG, name="B", arms=[(arm, -1)])], 0.005)
     assert caught.value.key == "gauges.fixed.0.arms.1"
-    assert "B, arm 2, is 0.12 m from the surface" in caught.value.what
+    assert "B, arm 2: the position is 0.12 m from the surface" in caught.value.what
 
 
 def test_coincident_arms_of_opposite_sign_are_refused(beam):

@@ -96,7 +96,7 @@ def test_a_surface_is_an_element_set_or_a_node_set(beam):
 
 def test_missing_set_is_refused_with_known_sets(beam):
     for name, said in (("topp", "did you mean top?"), ("lid", "first, top")):
-        with expect_refusal(UserError, f"'{name}' does not exist in the mesh", remedy=said):
+        with expect_refusal(UserError, f"the mesh has no face, element set or node set '{name}'", remedy=said):
             candidates(*beam, (1, 0, 0), surface=name)
 
 

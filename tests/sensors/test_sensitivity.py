@@ -244,5 +244,5 @@ def test_a_bonded_gauge_is_on_the_face_that_it_is_nearer_to_and_in_the_middle_it
 
     for z, face in ((0.6 * T, UPPER), (0.4 * T, UPPER), (0.01 * T, UPPER), (-0.01 * T, LOWER), (-0.9 * T, LOWER)):
         assert at(z).facet == face
-    with pytest.raises(UserError, match="bonded gauge A is equally near to the upper and lower face of shell 7"):
+    with pytest.raises(UserError, match="bonded gauge A: the position is equally near to the upper and lower face of shell 7"):
         at(0.0)

@@ -177,5 +177,5 @@ def test_a_body_that_turns_fast_for_its_step_is_warned_of():
     assert f"by {100 * (1 - spin[-1] / spin[0]):.2g} % in the first second" in first.text
     q = second.artefact("simulate")["/q"]
     lag = 1 - np.arctan2(q[5, 4], q[5, 3]) / (40.0 * 0.025)
-    shares = re.search(r"lags by ([\d.]+) % of its angle, and its speed grows by ([\d.]+) % in a second", second.text)
+    shares = re.search(r"lags by ([\d.]+) % of its angle and gains ([\d.]+) % of its speed per second", second.text)
     assert [float(share) for share in shares.groups()] == pytest.approx([100 * lag, 100 * (other[-1] / 40 - 1)], rel=0.05)

@@ -184,7 +184,7 @@ def test_a_file_of_bonded_gauges_that_cannot_be_is_refused_with_its_line(tmp_pat
     ("file", "settings", "says"),
     [
         (f"{HEAD},kind\nA1,0.3,0,0.095,0,0,1,accelerometer\n", (), "A1 has the kind 'accelerometer'"),
-        (f"{HEAD}\nA1,0.3,0,0.5,1,0,0\n", (), "bonded gauge A1 is 0.405 m from the surface"),
+        (f"{HEAD}\nA1,0.3,0,0.5,1,0,0\n", (), "bonded gauge A1: the position is 0.405 m from the surface"),
         (
             f"{HEAD}\nA1,0.3,0,0.095,1,0,0\n",
             ("gauges.fixed=[{name: A1, position: [0.4, 0, 0.095], direction: [1, 0, 0]}]",),
@@ -193,7 +193,7 @@ def test_a_file_of_bonded_gauges_that_cannot_be_is_refused_with_its_line(tmp_pat
         (
             f"{HEAD}\nA1,0.3,0,0.095,1,0,0\n",
             ("gauges.fixed=[{name: B1, position: [0.3, 0, 0.095], direction: [1, 0, 0]}]",),
-            "bonded gauge A1 has the same position and direction as B1",
+            "bonded gauge A1: position and direction are those of B1",
         ),
     ],
 )

@@ -303,7 +303,7 @@ def test_a_bridge_that_was_placed_is_found_in_the_file_of_its_layout(beam, tmp_p
 
 def test_no_opposite_side_is_an_error_with_key_and_remedy(beam):
     below, box = {"normal_cone": {"axis": [0, 1, 0], "angle": 20}}, {"box": [[-1, -1, -1], [2, 2, 0.01]]}
-    with pytest.raises(UserError, match="a half-bending bridge: none of 18 candidate places has an opposite facet") as caught:
+    with pytest.raises(UserError, match="a half-bending bridge: none of 18 candidate locations has an opposite facet") as caught:
         beam[2]({"gauges.bridge": "half-bending", "gauges.exclude": [*UPRIGHT["gauges.exclude"], below, box]})
     assert caught.value.key == "gauges.bridge"
     assert "both sides of the wall (gauges.surface" in caught.value.remedy

@@ -191,7 +191,7 @@ def test_zones_by_name_include_and_limit_too_and_a_name_that_is_not_there_is_nam
     pool, _ = beam("gauges.clearance=none", "gauges.include=[seat]")
     others, _ = beam("gauges.clearance=none", "gauges.exclude=[seat]")
     assert places(pool) == places(every) - places(others)
-    with pytest.raises(UserError, match="the set 'seta' does not exist in the mesh") as caught:
+    with pytest.raises(UserError, match="the mesh has no face, element set or node set 'seta'") as caught:
         beam("gauges.exclude=[seta]")
     assert caught.value.key == "gauges.exclude.0"
     assert caught.value.remedy == "did you mean seat?"

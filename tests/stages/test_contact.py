@@ -52,10 +52,10 @@ def warned(*changes):
 def test_the_import_reports_what_leaves_the_underside_out_and_then_no_more():
     (said,) = warned()
     assert said.startswith("the flat face of 0.023 m² at (0, 0, 0) m is supported at 4 bores")
-    lines = dict(part.split(": ", 1) for part in said.split("exclude it from gauges: ")[1].split(" and "))
+    lines = dict(part.split(": ", 1) for part in said.split("exclude it from gauges by ")[1].split(" and "))
     assert not warned(*(f"{key}={value}" for key, value in lines.items()))
     (named,) = warned(SEAT)
-    assert named.endswith("exclude it from gauges: gauges.exclude: [seat]")
+    assert named.endswith("exclude it from gauges by gauges.exclude: [seat]")
     assert not warned("gauges.surface=SET1-11")
 
 

@@ -96,7 +96,7 @@ def test_where_sigma_is_withheld_the_interval_is_too(tmp_path):
             assert np.isnan(found[f"/damage/{place}/{name}"]).all()
         assert (found[f"/damage/{place}/of_mean"] > 0).all()
     words = " ".join(said.split())
-    assert "damage of the smoothed strain history (without interval)" in words
+    assert "damage of the smoothed strain history (without 95 % interval)" in words
     assert "σ is withheld, so damage has no interval" in words
     assert not any(name.startswith(("damage.low", "damage.high", "damage.V1")) for name in found.summary)
 

@@ -53,8 +53,8 @@ def test_the_gauge_with_a_load_on_one_node_is_named_and_the_others_are_not(beam)
     listed = found.listed
     np.testing.assert_array_equal(found.hot_spots.hot, listed.bonded)
     (at,) = np.flatnonzero(listed.bonded)
-    (named,) = [text for text in found.advice if "hot spot" in text]
-    assert named.startswith(f"{listed.labels[at]} is at a hot spot")
+    (named,) = [text for text in found.advice if "Hot spot" in text]
+    assert named.startswith(f"Hot spot below {listed.labels[at]}, because the strain changes by")
     assert "refined" in named or "spread" in named
     assert "move it" not in named
 

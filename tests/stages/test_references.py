@@ -31,7 +31,7 @@ MODULUS = {"property": "youngs_modulus", "region": 1, "guess": 210000.0, "range"
         ({"parameters.E.guess": {"from": "other"}, "parameters.E.region": 7}, "parameters.E.region", "no region 7"),
         ({"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}}, "parameters.E.guess", "of the deck is 2.1e"),
         ({"gauges": GAUGES | {"exclude": [{"near_set": {"set": "rim", "distance": 0.1}}]}}, "gauges.exclude.0", "'rim'"),
-        ({"motion_sensors": {"laser": SENSOR}}, "motion_sensors.laser.surface", "the set 'lid' does not exist in the mesh"),
+        ({"motion_sensors": {"laser": SENSOR}}, "motion_sensors.laser.surface", "no face, element set or node set 'lid'"),
     ],
 )
 def test_what_is_not_in_the_mesh_is_named_at_once(tmp_path, changes, key, what):

@@ -14,7 +14,7 @@ from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight.experiment.structure.early import check_files
-from strainsight.experiment.structure.filtering import out_of_ranges, widen
+from strainsight.experiment.structure.filtering import out_of_ranges, ranges_in_words
 from strainsight.experiment.structure.mesh import mesh_of
 from strainsight.experiment.structure.mesh_tables import ASSUMES
 from strainsight.records.record import read
@@ -140,10 +140,10 @@ def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
     assert found["card PARAM POST"] == ("1", "ignored: no effect on stiffness, mass or supports")
     assert "card PARAM COUPMASS" not in found  # it counts
     assert found["card TOPVAR"] == ("1", "ignored: effect unknown")
-    assert found["parts without common nodes"] == ("2", "1 if ties, relations and springs count as connections")
+    assert found["parts without common nodes"] == ("2", "1 if ties, constraint equations and springs count as connections")
     assert found["coincident nodes that are not connected"][0] == "0"
     assert found["rigid-body check: free motions"] == ("0", "")
-    count, detail = found["rigid-body check: springs and relations between nodes"]
+    count, detail = found["rigid-body check: springs and constraint equations between nodes"]
     assert (count, detail.partition(";")[0]) == ("1", "resisting a rigid-body motion: 1")
     assert found["mass of region 1 PSOLID 1"][0] == f"{2 * 0.4 * 0.1 * 0.1 * 7850:.6g} kg"
     assert found["point masses"][0] == "2.5 kg"
@@ -170,7 +170,7 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
     beyond = out_of_ranges(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
     words = "but the stage `rom` built the reduced model for values from 1e+11 to 3e+11"
     assert beyond == ({"E": f"E was estimated as {value:.4g} Pa, {words}"} if said else {})
-    assert widen({"E": ""}) == "widen parameters.E.range"
+    assert ranges_in_words({"E": ""}) == "parameters.E.range"
 
 
 @pytest.mark.slow

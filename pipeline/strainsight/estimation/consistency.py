@@ -92,13 +92,13 @@ def check_innovations(whitened: np.ndarray) -> InnovationCheck:
         advice = f"lower {NOISE if positive else PROCESS if negative else f'{NOISE} or {PROCESS}'}"
     if positive:
         finding += (
-            f" and correlated in time ({correlation:.2f}): the estimates follow the measurements too slowly, or the "
-            "finite-element model is incomplete"
+            f", and successive innovations are correlated ({correlation:.2f}): the estimates follow the measurements too slowly, "
+            "or the finite-element model is incomplete"
         )
     elif negative:
-        finding += f" and alternate in sign (correlation {correlation:.2f}): the filter gain is too large"
+        finding += f", and successive innovations alternate in sign (correlation {correlation:.2f}): the filter gain is too large"
     elif not advice:
-        finding += " and uncorrelated: consistent with the claimed σ"
+        finding += ", and successive innovations are uncorrelated: consistent with the claimed σ"
     text = ("; " if positive or negative else ": ").join(filter(None, (finding, advice)))
     return InnovationCheck(ratio, size.band, correlation, chance, not advice, text)
 

@@ -171,7 +171,9 @@ def run_filter(
     before the samples."""
     core, samples = driven_with_offsets(model, known, biased), model.by_step(measurement)
     if len(known) < len(samples):
-        raise ValueError(f"the known loads cover {len(known)} steps, but the samples cover {len(samples)} steps")
+        raise ValueError(
+            f"the known loads cover {len(known)} time steps, but the measurements cover {len(samples)} time steps"
+        )
     points = sigma_points(model, core, known, biased) if by_points else None
     return filter_runs(core, mean, covariance, samples, keep, points=points, **options)
 

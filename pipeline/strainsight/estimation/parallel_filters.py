@@ -35,8 +35,9 @@ class ModalMotion:
 
     def __post_init__(self) -> None:
         (B, n, p), q, e = self.fed.shape, self.pairs.shape[-1], self.pairs_nu.shape[1]
-        shapes = "basis Bnn, inverse Bnn, pairs B4q, augmented Bsn, pairs_nu Be4q, augmented_nu Besn, fed_nu Benp"
-        check_shapes(self, shapes, {"B": B, "n": n, "p": p, "q": q, "e": e, "s": n - 2 * q, "4": 4})
+        sizes = {"B": B, "n": n, "p": p, "q": q, "e": e, "s": n - 2 * q, "4": 4}
+        check_shapes(self, sizes, basis="Bnn", inverse="Bnn", pairs="B4q", augmented="Bsn")
+        check_shapes(self, sizes, pairs_nu="Be4q", augmented_nu="Besn", fed_nu="Benp")
 
     def of(self, points: slice) -> ModalMotion:
         """Selected models."""
@@ -112,10 +113,9 @@ class LinearModels:
         (B, m, n), p1 = self.H.shape, self.F.shape[-1]
         d, f = len(self.D), len(self.U)
         sizes = {"B": B, "m": m, "n": n, "p": p1, "d": d, "f": f}
-        check_shapes(self.motion, "basis Bnn", sizes)
-        check_shapes(
-            self, "Q Bnn, F Bmp, D dmn, E dmp, offset dm, B dmf, U fn, W fp, about d, shift Bd, fixed_slope d", sizes
-        )
+        check_shapes(self.motion, sizes, basis="Bnn")
+        check_shapes(self, sizes, Q="Bnn", F="Bmp", D="dmn", E="dmp", offset="dm", B="dmf", U="fn", W="fp")
+        check_shapes(self, sizes, about="d", shift="Bd", fixed_slope="d")
 
     @cached_property
     def A(self) -> np.ndarray:
@@ -185,10 +185,10 @@ def compilable(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.require(each, requirements=("C", "W")) for each in arrays)
 
 
-def check_shapes(arrays: Any, shapes: str, sizes: dict[str, int]) -> None:
-    """Raise ValueError for inconsistent shapes, specified as "name letters, …" with the size of each letter: compiled loops do
-    not check bounds."""
-    for name, letters in (each.split() for each in shapes.split(", ")):
+def check_shapes(arrays: Any, sizes: dict[str, int], **shapes: str) -> None:
+    """Raise ValueError for inconsistent shapes, specified as name="letters" with the size of each letter: compiled loops do not
+    check bounds."""
+    for name, letters in shapes.items():
         actual, shape = getattr(arrays, name).shape, tuple(sizes[letter] for letter in letters)
         if actual != shape:
             raise ValueError(f"the array {name} of the parallel filters has the shape {actual}, expected {shape}")
@@ -343,8 +343,9 @@ def advance(
     L, d, second = len(data.samples), models.considered_count, len(filters.x_c)
     saved, whole = L if keep else 0, L if keep and states else 0
     sizes = {"B": B, "c": B if second else 0, "d": d, "m": m, "n": n, "L": L, "p": models.motion.fed.shape[-1]}
-    check_shapes(filters, "x Bn, P Bnn, V Bdn, x_c cn, P_c cnn, V_c cdn", sizes)
-    check_shapes(data, "known Lp, known_end Le, samples Lm, noise Lm, discrepancy m", sizes | {"e": models.F.shape[-1]})
+    check_shapes(filters, sizes, x="Bn", P="Bnn", V="Bdn", x_c="cn", P_c="cnn", V_c="cdn")
+    sizes["e"] = models.F.shape[-1]
+    check_shapes(data, sizes, known="Lp", known_end="Le", samples="Lm", noise="Lm", discrepancy="m")
     if len(less) and less.shape != (L, d):
         raise ValueError(f"the information on considered parameters has the shape {less.shape}, expected {(L, d)}")
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))

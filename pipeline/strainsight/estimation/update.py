@@ -131,7 +131,7 @@ def pivoted_factors(P: np.ndarray) -> np.ndarray:
     """As `square_factor`, by pivoted Cholesky: a tenth of the work, and less accurate for nearly dependent states."""
     factors = np.zeros_like(P)
     if not np.isfinite(P).all():
-        raise np.linalg.LinAlgError("a covariance contains NaN or infinite values")
+        raise np.linalg.LinAlgError("the process noise contains NaN or infinite values")
     for F, covariance in zip(factors, P, strict=True):
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         moving = np.flatnonzero(std)

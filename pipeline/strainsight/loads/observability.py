@@ -17,6 +17,7 @@ from strainsight.loads.input_models import Unknowns
 from strainsight.loads.linearisation import Sensed, linearisation_instants, linearise
 from strainsight.mesh.coincident import component_labels
 from strainsight.rom.model import ReducedModel, modal_basis
+from strainsight.text import listed
 
 MARGINAL = 1e-9
 """Eigenvalues of F* with Re λ ≥ −MARGINAL ‖F*‖ must be detectable by the gauges."""
@@ -121,7 +122,7 @@ def unknowns_in_words(direction: np.ndarray, names: Sequence[str]) -> str:
     involved = [name for name, size in zip(names, part, strict=True) if size >= 0.1 * part.max()]
     if len(involved) == 1:
         return involved[0]
-    return f"{', '.join(involved[:-1])} and {involved[-1]}{TOGETHER}"
+    return listed(involved) + TOGETHER
 
 
 def marginal_modes(F: np.ndarray) -> MarginalModes:

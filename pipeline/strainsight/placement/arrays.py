@@ -227,7 +227,8 @@ def _check_inputs(
     if H.ndim == 2 and R.shape == (len(H), len(H)):
         if np.any(np.diag(np.diag(R)) != R):
             raise ConfigError(
-                "R has correlated noise", remedy="pass the noise intensity of each candidate (candidates,)"
+                "R has nonzero entries off the diagonal",
+                remedy="pass the noise intensity of each candidate, of shape (candidates,)",
             )
         R = np.diag(R)
     if R.shape != H.shape[:-1]:

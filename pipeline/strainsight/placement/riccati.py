@@ -102,7 +102,7 @@ def close_loop(F: np.ndarray, G: Information, P: np.ndarray) -> Loop:
     A = F - (P @ G.G if R is None else (P @ R.T) @ R)
     T, _, real, _, U, _, info = dgees(_unsorted, A, lwork=16 * len(A))
     if info != 0:
-        raise NumericalError(f"the Schur form of a closed loop did not converge (LAPACK dgees {info})")
+        raise NumericalError(f"the Schur form of the filter matrix F − P HᵀR⁻¹H did not converge (LAPACK dgees {info})")
     return Loop(P, G, A, T, U, float(real.max()), R)
 
 

@@ -132,12 +132,12 @@ class ContactFaces:
     places: np.ndarray
     instead_of: np.ndarray
 
-    def in_words(self, i: int) -> str:
+    def support_in_words(self, i: int) -> str:
         """Why face i is a contact face."""
         bores, places = int(self.bores[i]), int(self.places[i])
-        reasons = [f"at {bores} bore{'s' * (bores != 1)}"] * (bores > 0)
-        reasons += [f"at {places} of its facets"] * (places > 0)
-        return f"supported {' and '.join(reasons)}"
+        reasons = [f"supported at {bores} bore{'s' * (bores != 1)}"] * (bores > 0)
+        reasons += [f"supported at {places} of its facets"] * (places > 0)
+        return " and ".join(reasons)
 
 
 def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:

@@ -77,7 +77,7 @@ def _grids(
     positions = np.array([entry.position for entry in entries], dtype=float).reshape(-1, 3)
     if not np.isfinite(positions).all():
         i = int(np.argmin(np.isfinite(positions).all(axis=1)))
-        raise refuse(i, f"has the position {tuple(entries[i].position)}", "Specify three finite coordinates.")
+        raise refuse(i, f"the position is {tuple(entries[i].position)}", "Specify three finite coordinates.")
     if not len(entries):
         return _channels(skin, entries, np.zeros(0, int), np.zeros((0, 2)), positions, positions, positions), np.zeros(
             0
@@ -88,7 +88,7 @@ def _grids(
         i = int(np.argmax(too_far))
         raise refuse(
             i,
-            f"is {located.distance[i]:.4g} m from the surface (nearest point: {_xyz(located.point[i])}), "
+            f"the position is {located.distance[i]:.4g} m from the surface (nearest point: {_xyz(located.point[i])}), "
             f"more than {tolerance:g} m",
             "Correct the position (in metres), or increase snap_tolerance of the gauge.",
         )
@@ -102,7 +102,7 @@ def _grids(
         i = int(pool.gauge[np.argmin(complete)])
         raise refuse(
             i,
-            f"has a measuring grid of {entries[i].length:.3g} m that crosses a sharp edge",
+            f"the measuring grid of {entries[i].length:.3g} m length crosses a sharp edge",
             "Correct the position, direction or length of the gauge.",
         )
     return pool, located.distance
@@ -122,7 +122,7 @@ def _check_side(mesh: Mesh, skin: Skin, positions: np.ndarray, located: Located,
         if distance < size and facet != located.facet[i] and element[facet] == element[located.facet[i]]:
             raise refuse(
                 i,
-                f"is equally near to the upper and lower face of shell {element[facet]}",
+                f"the position is equally near to the upper and lower face of shell {element[facet]}",
                 f"Specify a position on the bonded face, for example {_xyz(located.point[i])}.",
             )
 
@@ -156,13 +156,13 @@ def _tangent(direction: Sequence[float], n: np.ndarray, refuse: Callable[[str, s
     a = np.asarray(direction, dtype=float)
     length = np.linalg.norm(a)
     if a.shape != (3,) or not (np.isfinite(length) and length > 0):
-        raise refuse(f"has the direction {tuple(direction)}", "Specify three numbers, not all zero.")
+        raise refuse(f"the direction is {tuple(direction)}", "Specify three numbers, not all zero.")
     a = a / length
     t = a - (a @ n) * n
     angle = np.rad2deg(np.arctan2(np.linalg.norm(t), abs(a @ n)))
     if angle < STEEPEST:
         raise refuse(
-            f"has a direction at {angle:.3g}° to the surface normal {_xyz(n)}: the projection on the surface is undefined",
+            f"the direction is at {angle:.3g}° to the surface normal {_xyz(n)}, so its projection on the surface is undefined",
             f"Specify a direction along the surface, at more than {STEEPEST:g}° to the normal.",
         )
     return t / np.linalg.norm(t)
@@ -180,12 +180,12 @@ def _check_coincidence(
             continue
         if abs(d[i] @ d[j]) > np.cos(np.deg2rad(0.1)):
             other = entries[i].name or f"gauge {i + 1}"
-            raise refuse(j, f"has the same position and direction as {other}", "Remove one of the two gauges.")
+            raise refuse(j, f"position and direction are those of {other}", "Remove one of the two gauges.")
 
 
 def _error_at(key: str, entries: Sequence[BondedEntry], i: int, what: str, remedy: str) -> UserError:
     entry = entries[i]
-    return UserError(f"bonded gauge {entry.name or i + 1} {what}", key=entry.key or f"{key}.{i}", remedy=remedy)
+    return UserError(f"bonded gauge {entry.name or i + 1}: {what}", key=entry.key or f"{key}.{i}", remedy=remedy)
 
 
 def _xyz(x: np.ndarray) -> str:

@@ -55,12 +55,16 @@ class Faces:
     the face of each facet, which is not written to files."""
 
     area: Annotated[np.ndarray, Column("m^2", "face", "area of every face, largest first")]
-    centre: Annotated[np.ndarray, Column("m", "face × 3", "centroid of every face")]
-    normal: Annotated[np.ndarray, Column("1", "face × 3", "outward normal of every flat face; zero: curved face")]
+    centre: Annotated[np.ndarray, Column("m", "face × 3", "centroid of every face, global axes")]
+    normal: Annotated[
+        np.ndarray, Column("1", "face × 3", "outward normal of every flat face, global axes; zero: curved face")
+    ]
     radius: Annotated[np.ndarray, Column("m", "face", "radius of every cylindrical face; zero: other face")]
-    axis: Annotated[np.ndarray, Column("1", "face × 3", "axis of every cylindrical face; zero: other face")]
+    axis: Annotated[
+        np.ndarray, Column("1", "face × 3", "axis of every cylindrical face, global axes; zero: other face")
+    ]
     hollow: Annotated[np.ndarray, Column("1", "face", "1 if the face is a bore")]
-    point: Annotated[np.ndarray, Column("m", "face × 3", "a point on every face")]
+    point: Annotated[np.ndarray, Column("m", "face × 3", "a point on every face, global axes")]
     of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def near(self, face: int) -> str:

@@ -149,11 +149,11 @@ def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
     remedy = did_you_mean(
         name,
         known,
-        f"Use one of the sets {', '.join(known)}, or define a face in mesh.faces."
+        f"Use one of the element or node sets {', '.join(known)}, or define a face in mesh.faces."
         if known
         else "Define a face in mesh.faces.",
     )
-    raise UserError(f"the set {name!r} does not exist in the mesh", remedy=remedy)
+    raise UserError(f"the mesh has no face, element set or node set {name!r}", remedy=remedy)
 
 
 def _nodes(mesh: Mesh, name: str) -> np.ndarray:
@@ -168,9 +168,11 @@ def _nodes(mesh: Mesh, name: str) -> np.ndarray:
     if not in_set.any():
         known = sorted({*mesh.node_sets, *mesh.element_sets})
         remedy = did_you_mean(
-            name, known, f"Use one of the sets {', '.join(known)}." if known else "Define the set in the mesh file."
+            name,
+            known,
+            f"Use one of the node or element sets {', '.join(known)}." if known else "Define the set in the mesh file.",
         )
-        raise UserError(f"the set {name!r} does not exist in the mesh, or is empty", remedy=remedy)
+        raise UserError(f"the mesh has no node or element set {name!r}, or this set is empty", remedy=remedy)
     return np.flatnonzero(in_set)
 
 

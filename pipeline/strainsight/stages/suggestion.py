@@ -205,7 +205,7 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
     if facets is not None and faces is not None:
         supported = np.asarray((is_supported[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         contact = contact_faces(mesh, facets, faces)
-        lies_on = {int(face): f"{contact.in_words(i)}{by_which}" for i, face in enumerate(contact.face)}
+        lies_on = {int(face): f"{contact.support_in_words(i)}{by_which}" for i, face in enumerate(contact.face)}
         by = {face: pointed_at(face, faces, mesh.position, facets) for face in lies_on}
         instead = {int(f): faces.near(int(g)) for f, g in zip(contact.face, contact.instead_of, strict=True) if g >= 0}
         for face in range(len(faces.area)):

@@ -273,10 +273,10 @@ def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
             )
     for joint in bench.system.joints:
         together = readings(bench.system, [RelationSensor(joint.name, joint.aligned)]).read(q, np.zeros_like(q))[0]
-        for relation, value in zip(joint.aligned, together, strict=True):
+        for axes, value in zip((relation.name for relation in joint.aligned), together, strict=True):
             if value < 0:
                 raise ConfigError(
-                    f"{relation.name} point in opposite directions",
+                    f"{axes} point in opposite directions",
                     key=f"joints.{joint.name}",
                     remedy="Rotate one of the two frames of the joint by half a turn.",
                 )
@@ -317,13 +317,13 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
             q = project_position(bench.system, q, inputs)
             share = _independence(bench, q, inputs)
             first = share if k == 0 else first
-            why = "are at a dead centre" if share < LOCKED * first else ""
+            why = "the joints are at a dead centre" if share < LOCKED * first else ""
         except InfeasibleError:
-            why = "block the drives"
+            why = "the joints block the drives"
         if why:
             driven = ", ".join(f"{name} {inputs[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
             return ConfigError(
-                f"at t = {k * h:g} s the joints {why}; the driven motion is {driven} [m or rad]",
+                f"at t = {k * h:g} s {why}; the driven motion is {driven} [m or rad]",
                 key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
                 remedy="Reduce the driven motion (joints.*.drive.signal), or move the frames of the driven joints.",
             )
@@ -339,7 +339,7 @@ def _independence(bench: Bench, q: np.ndarray, u: np.ndarray) -> float:
 def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
     laws = {e.force.name: e.force.law for e in bench.system.elements}
     sharp = {name: law.speed for name, law in laws.items() if isinstance(law, Friction) and law.coulomb > 0}
-    if not sharp or "was not solved" not in error.what:
+    if not sharp or "not solved" not in error.what:
         return None
     name = min(sharp, key=lambda force: sharp[force])
     return NumericalError(

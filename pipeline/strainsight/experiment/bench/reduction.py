@@ -51,11 +51,11 @@ def reduce_output(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resour
     for i, (name, entry) in enumerate(config.flexible.items()):
         using.progress(name, i / len(config.flexible))
         with blame(f"bodies.{name}"):
-            body, unknowns, frequency = _reduction(name, entry, config.frames, meshes[name])
+            body, freedoms, frequency = _reduction(name, entry, config.frames, meshes[name])
         reduced[name], first, size = body, float(frequency[0]), len(body.mass)
-        summary |= {f"unknowns.{name}": unknowns, f"coordinates.{name}": size, f"first_frequency.{name}": first}
+        summary |= {f"unknowns.{name}": freedoms, f"coordinates.{name}": size, f"first_frequency.{name}": first}
         text.append(
-            f"{name} {unknowns} degrees of freedom → {size} coordinates, first mode {first:.4g} Hz, first omitted "
+            f"{name} {freedoms} degrees of freedom → {size} coordinates, first mode {first:.4g} Hz, first omitted "
             f"mode {body.cut:.4g} Hz"
         )
         text += [
@@ -211,8 +211,8 @@ def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: 
         datasets=grid | written(SurfaceHistory(time=time[at], von_mises=mises.max(axis=1), moduli=theta)),
         attributes=attributes,
         summary={"pictures": len(at), "facets": len(order), "von_mises": largest, "time": instant, "element": element},
-        message=f"{settings.body}: {len(at)} frames of {len(order)} facets, largest von Mises stress {largest / 1e6:.4g} MPa at "
-        f"t = {instant:.4g} s in element {element}",
+        message=f"{settings.body} at {len(at)} instants, {len(order)} facets, largest von Mises stress "
+        f"{largest / 1e6:.4g} MPa at t = {instant:.4g} s in element {element}",
     )
 
 

@@ -160,8 +160,10 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
         "parts": most,
         **{f"pressure.{name}": highest for name, highest in pressure.items()},
     }
-    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints "
-    text += f"with residuals up to {worst:.1e} m or rad"
+    text = (
+        f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints with residuals up to "
+        f"{worst:.1e} m or rad"
+    )
     if settings.tolerance is not None:
         text += f"; each step is divided into up to {most} substeps with a relative tolerance of {settings.tolerance:g}"
     doubts = []
@@ -180,7 +182,7 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
                     )
     doubts += [*doubtful_drives(config, using.files), *overloaded(config, pressure)]
     if system.size > system.constrained and settings.tolerance is None and turn > TURN[settings.method]:
-        doubts.append(f"a body rotates by {turn:.3g} rad per step: {_turning(turn, settings)}")
+        doubts.append(_turning(turn, settings))
     moved = tuple(
         (name, str(i), f"{1e3 * distance:.3g} mm")
         for name, on in sensors.bonded.items()
@@ -189,7 +191,7 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
     rings = []
     for name, ring in record.bearings.items():
         force = ring.worst.force
-        balls = f"{int((force > 0).any(axis=1).sum())} of {len(force)}"
+        balls = f"{np.count_nonzero((force > 0).any(axis=1))} of {len(force)}"
         rings.append((name, f"{pressure[name] / 1e6:.5g} MPa", f"{ring.worst.time:.4g} s", balls))
     tables = (
         Table("distance of the gauges to the surface", ("sensor", "gauge", "distance"), moved),
@@ -210,11 +212,11 @@ def _turning(turn: float, settings: Simulate) -> str:
     h = settings.time_step
     if settings.method == "thesis":
         loss = 1 - (1 + turn**2 / h) ** -0.5  # of dω/dt = −ω³h/2 over one second
-        what = f"implicit Euler slows a free rotation by {100 * loss:.2g} % in the first second"
+        what = f"the implicit Euler method slows a freely rotating body by {100 * loss:.2g} % in the first second"
     else:
         lag, gain = 100 * LAG * turn**2, 100 * GAIN * turn**4 / h
-        what = f"a free rotation lags by {lag:.2g} % of its angle, and its speed grows by {gain:.2g} % in a second"
-    return f"{what}. Reduce simulate.time_step"
+        what = f"a freely rotating body lags by {lag:.2g} % of its angle and gains {gain:.2g} % of its speed per second"
+    return f"a body rotates by {turn:.3g} rad per time step, and {what}. Reduce simulate.time_step"
 
 
 def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
@@ -225,12 +227,12 @@ def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
     for key, aligned in ((key, aligned) for key, aligned in checked if aligned):
         together = readings(system, [RelationSensor(key, aligned)])
         cosines = np.array([together.read(q, v)[0] for q, v in zip(run.q, run.v, strict=True)])
-        for relation, cosine in zip(aligned, cosines.T, strict=True):
+        for axes, cosine in zip((relation.name for relation in aligned), cosines.T, strict=True):
             worst = int(np.argmin(cosine))
             if cosine[worst] < np.cos(TILT):
                 angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
                 raise ConfigError(
-                    f"{relation.name} differ by {angle:.3g} rad at t = {run.time[worst]:g} s; the limit is {TILT:g} rad",
+                    f"{axes} differ by {angle:.3g} rad at t = {run.time[worst]:g} s; the limit is {TILT:g} rad",
                     key=key,
                     remedy="Align the axes of the frames at rest, and keep them parallel by a joint: this "
                     f"{'force law' if key.startswith('forces') else 'drive'} is valid for small tilts.",

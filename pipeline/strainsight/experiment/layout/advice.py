@@ -56,7 +56,7 @@ REMEDY = {
     "noise": "reduce the noise of the channels, or add channels",
     "process noise": "reduce the process noise, if it exceeds the real changes of loads and parameters and the model errors",
     "start": "use a longer run, because the initial σ still has an effect",
-    "position": "position the gauges more accurately, or move the gauges to places with smaller strain gradients",
+    "position": "position the gauges more accurately, or move the gauges to locations with smaller strain gradients",
     "angle": "align the gauges more accurately",
     "gain": "calibrate the channels more accurately",
     "transverse sensitivity": "use gauges of known transverse sensitivity",
@@ -139,7 +139,7 @@ def advice(
 
 def _how_many(sigma: str, cost: np.ndarray, size: int, labels: Sequence[str], keep: int) -> Iterator[str]:
     if len(labels) < keep:
-        yield f"Gauges in the layout: {len(labels)} instead of {keep}, because the limits allow no further useful gauge."
+        yield f"The layout has {len(labels)} instead of {keep} gauges, because the limits allow no further useful gauge."
     gain = gains(cost)
     if not len(gain):
         return
@@ -159,15 +159,15 @@ def moved_in_words(exact: Expectation, chosen: Expectation, over: Collection[str
     """Gain of the layout chosen with installation errors over the layout chosen without."""
     name = max(over, key=lambda key: exact.std[key] / chosen.std[key])
     return (
-        "Installation errors were included as noise, which favours places away from steep strain gradients: with the layout "
-        f"for exact gauges, the expected σ({name}) would be {exact.std[name] / chosen.std[name]:.3g} times as large."
+        "Installation errors were included as noise, which favours locations away from steep strain gradients: with the "
+        f"layout for exact gauges, the expected σ of {name} would be {exact.std[name] / chosen.std[name]:.3g} times as large."
     )
 
 
 def _weakest(std: Mapping[str, float]) -> Iterator[str]:
     if len(std) > 1:
         name = max(std, key=lambda key: std[key])
-        yield f"Largest relative uncertainty: {name}, ± {100 * std[name]:.2g} % of its guess or amplitude."
+        yield f"{name} has the largest relative uncertainty, ± {100 * std[name]:.2g} % of its guess or amplitude."
 
 
 def best_possible(
@@ -199,8 +199,8 @@ def _uneliminated(task: Task, layout: OptimisedLayout) -> Iterator[str]:
         return
     every, entered = len(task.whole.limits.size), len(task.whole.rows)
     yield (
-        f"This bound covers all {every} candidates. The elimination used {entered} of them; {layout.better or 'none'} of the "
-        "remaining candidates could improve the layout."
+        f"The optimality bound covers all {every} candidates. The elimination used {entered} of them; {layout.better or 'none'} "
+        "of the remaining candidates could improve the layout."
     )
 
 

@@ -272,8 +272,8 @@ class Task:
         return None if budget is None else (float(self.price[rows].sum()), budget)
 
 
-def root_of(criterion: Criterion, over: Sequence[str]) -> str:
+def root_of(criterion: Criterion, unknowns: Sequence[str]) -> str:
     """Name of the root of a criterion: σ of one unknown, or the criterion's mean of several."""
-    if len(over) == 1:
-        return f"σ({over[0]})"
-    return f"{criterion.sigma} of {listed(over)}"
+    if len(unknowns) == 1:
+        return f"σ({unknowns[0]})"
+    return f"{criterion.sigma} of {listed(unknowns)}"

@@ -243,10 +243,10 @@ def _check_place(
     channels = candidates.take(candidates.channels(np.array([number])))
     order = np.argsort(-channels.sign_of_grid, kind="stable")  # the arms of a bridge as those of the file below
     now, sign = channels.grids.take(order), channels.sign_of_grid[order]
-    if len(now) != len(was.direction):
+    if len(now) != (bonded := len(was.direction)):
         what = "arms" if channels.arms is not None or was.bridge else "channels"
         raise ConfigError(
-            f"the number of {what} of {name} is {len(now)} in the current layout, but was {len(was.direction)} when bonded",
+            f"the number of {what} of {name} is {len(now)} in the current layout, but was {bonded} when bonded",
             key=key,
             remedy=_KEPT,
         )
@@ -296,7 +296,7 @@ def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -
     R = _rows(rows, components, length)
     if R.shape[0] != len(number):
         raise DeckError(
-            f"the matrix has {R.shape[0]} rows, but {table.name} has {len(number)} gauges",
+            f"the strain operator has {R.shape[0]} rows, but {table.name} has {len(number)} gauges",
             where=str(rows),
             remedy="Write one row per gauge, in the order of the lines of the gauge table.",
         )
@@ -308,7 +308,7 @@ def _rows(path: Path, components: np.ndarray, length: float) -> sparse.csr_array
     R = read_matrix(path)
     if R.shape[1] != len(components):
         raise DeckError(
-            f"the matrix has {R.shape[1]} columns, but the stiffness matrix has {len(components)} rows",
+            f"the strain operator has {R.shape[1]} columns, but the stiffness matrix has {len(components)} rows",
             where=str(path),
             remedy="Write one column for every line of mesh.matrices.numbering.",
         )

@@ -36,7 +36,7 @@ from strainsight.experiment.structure.filtering import (
     last_values,
     out_of_ranges,
     posteriors_of,
-    widen,
+    ranges_in_words,
 )
 from strainsight.experiment.structure.measured import in_record, measured_of, records_of, source_of
 from strainsight.experiment.structure.observation import undetectable
@@ -220,7 +220,7 @@ def campaign_of(
     for record, result in zip(filters, results, strict=True):
         ends = last_values(record.model, result.smoothed)
         out_of_range |= out_of_ranges(config, problem, {name: value for name, (value, _) in ends.items()})
-    remedy = f"{widen(out_of_range)} if such values are plausible, or check loads, units, supports and gauges"
+    remedy = f"widen {ranges_in_words(out_of_range)} if such values are plausible, or check loads, units, supports and gauges"
     decision = replace(decision, reasons=(uncertain_loads, exclusion), out_of_range=out_of_range, remedy=remedy)
     withheld = decision.withheld
 
@@ -342,7 +342,7 @@ def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, resul
             return excluded_in_words(otherwise, True, "estimate.start"), ""
     return (
         "",
-        f"the comparison of filters neglects tolerances, but estimates with and without tolerances exclude each other: {words}",
+        f"the comparison of filters neglects tolerances, but estimates with and without tolerances disagree: {words}",
     )
 
 

@@ -91,7 +91,8 @@ def _numbers(campaign: Campaign) -> dict[str, Scalar]:
         # accepted disagreement of records that agree with the model one by one
         numbers |= {"apart": together.words} if campaign.first.judgement.disagrees else {}
         for name, values in together.alone.items():
-            numbers |= {f"alone.{name}.{of}": float(value) for of, value in zip(campaign.records, values, strict=True)}
+            each_alone = zip(campaign.records, values, strict=True)
+            numbers |= {f"alone.{name}.{of_record}": float(value) for of_record, value in each_alone}
         for of, record in campaign.records.items():
             each: dict[str, Scalar] = {
                 "innovation_ratio": record.innovation_check.ratio,
@@ -307,9 +308,9 @@ def damage_tables(damaged: Damaged | None, labels: Sequence[str]) -> tuple[Table
             rows.append((f"{number}, element {damaged.surface.element[i]}", *_row(damaged, damaged.surface, i)))
     if damaged.virtual is not None:
         rows += [(label, *_row(damaged, damaged.virtual, i)) for i, label in enumerate(labels)]
-    columns = ("place", "x, y, z [m]", "damage", "95 % interval", "equivalent range", "life")
+    columns = ("location", "x, y, z [m]", "damage", "95 % interval", "equivalent range", "life")
     title = (
-        "damage of the smoothed strain history (without interval)"
+        "damage of the smoothed strain history (without 95 % interval)"
         if withheld
         else "damage at hot spots and virtual gauges"
     )

@@ -127,8 +127,8 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
             pool = strain.candidates
             if not len(pool):
                 raise InfeasibleError(
-                    f"no place for a {gauges.bridge} bridge: none of {strain.alone} candidate places has an opposite facet that "
-                    "allows a gauge in the same direction",
+                    f"no location for a {gauges.bridge} bridge: none of {strain.alone} candidate locations has an opposite facet "
+                    "that allows a gauge in the same direction",
                     key="gauges.bridge",
                     remedy="Include both sides of the wall (gauges.surface, gauges.include, gauges.exclude), choose another "
                     "direction, or remove gauges.bridge.",
@@ -138,7 +138,7 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
     well = fits(mesh.position, pool, facets)
     if not well.any():
         raise ConfigError(
-            f"a measuring grid of {length:g} m length crosses a sharp edge at all {len(pool)} candidate places",
+            f"a measuring grid of {length:g} m length crosses a sharp edge at all {len(pool)} candidate locations",
             key="gauges.grid_length",
             remedy="Reduce gauges.grid_length.",
         )
@@ -178,7 +178,7 @@ def _bonded_entry(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> B
 
 def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, called: str) -> BondedEntry:
     """Bridge of arms with signs; the first arm with sign 1 defines its position; called: name in messages."""
-    named = [(replace(arm, name=f"{called}, arm {k + 1},"), sign) for k, (arm, sign) in enumerate(arms)]
+    named = [(replace(arm, name=f"{called}, arm {k + 1}"), sign) for k, (arm, sign) in enumerate(arms)]
     (first, _), *others = sorted(named, key=lambda arm: -arm[1])
     return replace(first, name=name, arms=others)
 

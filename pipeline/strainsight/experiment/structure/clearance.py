@@ -119,8 +119,8 @@ def bent_warning(structure: Structure, bent: np.ndarray) -> str:
         return ""
     names = ", ".join(structure.training.name[i] or f"fixed {i + 1}" for i in bonded)
     return (
-        f"Gauges bonded where the surface radius is below the minimum bend radius of gauge type {gauges.type}, "
-        f"{1e3 * kind.bend_radius:g} mm: {names}. Check the adhesion of the carrier, or set gauges.type to the bonded type."
+        f"At {names} the surface radius is below the minimum bend radius of gauge type {gauges.type}, "
+        f"{1e3 * kind.bend_radius:g} mm. Check the adhesion of the carrier, or set gauges.type to the bonded type."
     )
 
 
@@ -181,7 +181,7 @@ def clearance_warning(clearance: Clearance) -> str:
     used = f"{1e3 * clearance.distance:.3g} mm is used" if clearance.distance else "no clearance is used"
     return (
         f"The default clearance of {1e3 * clearance.wanted:.3g} mm from edges, supports and loads (half the carrier diagonal) "
-        f"leaves fewer than {CHOICE} places, so {used}. Refine the mesh, or set gauges.clearance for your gauge "
+        f"leaves fewer than {CHOICE} locations, so {used}. Refine the mesh, or set gauges.clearance for your gauge "
         "type: a length [m] or none."
     )
 
@@ -267,7 +267,9 @@ def advice_at_gauges(sites: AtGauges | None, labels: Sequence[str], bonded: Sequ
     groups: dict[str, list[str]] = {}
     for i, label in enumerate(labels):
         if words := sites.steep_in_words(i):
-            remedy = "" if bonded[i] else ". Use a template, a shorter measuring grid or another place for this gauge"
+            remedy = (
+                "" if bonded[i] else ". Use a template, a shorter measuring grid or another location for this gauge"
+            )
             yield f"{label}: {words}{remedy}."
         if not bonded[i]:
             for words in sites.access(i):
@@ -383,18 +385,19 @@ def hot_spot_advice(test: HotSpots | None, labels: Sequence[str], bonded: Sequen
     for i in np.flatnonzero(test.hot).tolist():
         how = []
         if abs(test.refined[i]) > test.share:
-            how.append(f"by {_percent(test.refined[i])} if the mesh is refined")
+            how.append(f"the strain changes by {_percent(test.refined[i])} if the mesh is refined")
         if abs(test.spread[i]) > test.share:
-            how.append(f"by {_percent(test.spread[i])} if nearby nodal forces are distributed over facets")
+            how.append(
+                f"the strain changes by {_percent(test.spread[i])} if nearby nodal forces are distributed over facets"
+            )
         remedy = (
             "Refine the mesh there, and model the real fillet or contact"
             if bonded[i]
-            else "Exclude this place (gauges.exclude, or a larger gauges.clearance), or refine the mesh there"
+            else "Exclude this location (gauges.exclude, or a larger gauges.clearance), or refine the mesh there"
         )
         groups.setdefault((" and ".join(how), remedy), []).append(labels[i])
     for (how_much, remedy), those in groups.items():
-        sit, its = ("is at a hot spot", "its") if len(those) == 1 else ("are at hot spots", "their")
-        yield f"{', '.join(those)} {sit}: {its} strain changes {how_much}. {remedy}."
+        yield f"Hot spot below {', '.join(those)}, because {how_much}. {remedy}."
     unknown = [label for label, value in zip(labels, test.refined, strict=True) if np.isnan(value)]
     if unknown:
         yield f"Not tested for hot spots: {', '.join(unknown)}."

@@ -224,7 +224,7 @@ class FaultInWords:
         source = record.inputs if fault.of_load else record.channels
         if record.section != "estimate" and not source.startswith(record.section):
             key = f"{record.section}.{source.split('.')[-1]}"
-            remedy += f" (to correct only this record, copy {source} to {key} and change the copy)"
+            remedy += f" (to correct only this record, copy the config section {source} to {key} and change the copy)"
         return what, remedy
 
     def _of_kind(self, fault: Fault, estimate: float, std: float) -> tuple[str, str]:
@@ -355,8 +355,8 @@ def _pattern_in_words(pattern: ResidualPattern, labels: Sequence[str]) -> str:
     order = np.argsort(-pattern.share, kind="stable")
     most = [f"{labels[j]} ({pattern.share[j]:.0%})" for j in order if pattern.share[j] >= LEAST_SHARE]
     return (
-        f"an unmodelled load or other disturbance acts on {', '.join(most)}. In this pattern of channels the innovations are "
-        f"{pattern.size:.3g} times as large as predicted and change slowly (correlation {pattern.correlation:.2f}). "
+        f"an unmodelled load or other disturbance acts on {', '.join(most)}. In a combination of these channels the innovations "
+        f"are {pattern.size:.3g} times as large as predicted and change slowly (correlation {pattern.correlation:.2f}). "
         "Add the missing load to `loads`, or check temperature, cables and supports"
     )
 

@@ -119,14 +119,16 @@ def cost_of_pool(m: int, n: int, s: int) -> Cost:
 
 def of_pool_in_words(config: PlacementConfig, m: int, n: int) -> str:
     """Forecast for a pool of m candidates and n states, empty if short."""
-    cost = cost_of_pool(m, n, scenarios_of(config))
+    combinations = scenarios_of(config)
+    cost = cost_of_pool(m, n, combinations)
     if cost.seconds < LONG and cost.memory < LARGE:
         return ""
     minutes = cost.seconds / 60
     time = f"{minutes / 60:.2g} h" if minutes > 90 else f"{minutes:.2g} min"
     return (
-        f"the stage `place` with {m} candidates, {n} states and {scenarios_of(config)} scenarios takes about {time} of processor "
-        f"time and {cost.memory:.2g} GiB of memory, within a factor of three. Reduce screen.keep to save time"
+        f"the stage `place` with {m} candidates, {n} states and {combinations} combinations of instant, parameter sample and "
+        f"load case takes about {time} of processor time and {cost.memory:.2g} GiB of memory, within a factor of three. Reduce "
+        "screen.keep to save time"
     )
 
 

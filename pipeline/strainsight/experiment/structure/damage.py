@@ -98,7 +98,7 @@ def damage_places(skin: Skin, virtual: Virtual | None) -> dict[str, Places]:
             f"virtual gauges on such elements: "
             f"{int(on.sum())} (the first on element {pool.element[int(np.argmax(on))]})",
             key="estimate.virtual",
-            remedy="Remove these virtual gauges from estimate.virtual; the damage on the surface includes these places.",
+            remedy="Remove these virtual gauges from estimate.virtual; the damage on the surface includes these locations.",
         )
     strain = replace(virtual.change.of_terms(lambda X: X[:, None]), constant=virtual.rows[:, None])
     gauges = Places(pool.position, pool.element, strain, surface.take(below).modulus)
@@ -251,8 +251,8 @@ def damage_notes(settings: DamageSettings, withheld: str, shown: float, by: str)
     why = "not validated" if shown == SHOWN_DECIDED else "unreliable"
     return (
         *((by,) if by else ()),
-        f"damage is the median of {settings.draws} samples with its 95 % interval{few}. Where the damage-equivalent stress range "
-        f"is below {shown:g} of the largest one, the interval is {why}, so only the damage of the smoothed strain "
+        f"damage is the median of {settings.draws} random samples with its 95 % interval{few}. Where the damage-equivalent "
+        f"stress range is below {shown:g} of the largest one, the interval is {why}, so only the damage of the smoothed strain "
         "history is reported",
     )
 

@@ -130,8 +130,8 @@ def odd_channels(
             )
         elif i < gauges and (count := int(at_limit(values).sum())) and not _in_steps(known):
             words.append(
-                f"{name} is clipped: {count} of {len(values)} samples repeat its largest or smallest value, probably the limit "
-                f"of the amplifier ({key})"
+                f"{name} is clipped, because {count} of {len(values)} samples repeat its largest or smallest value, probably the "
+                f"limit of the amplifier ({key})"
             )
         if std and len(known) and std > (largest := float(np.abs(known).max())):
             words.append(
@@ -143,7 +143,7 @@ def odd_channels(
         if fastest >= 0.5 / step:
             words.append(
                 f"the Nyquist frequency of the record is {0.5 / step:.4g} Hz (sampling interval {step:.4g} s), but loads.{name} "
-                f"reaches {fastest:.4g} Hz. Increase the sampling rate, or check estimate.time.unit"
+                f"has frequencies up to {fastest:.4g} Hz. Increase the sampling rate, or check estimate.time.unit"
             )
     return tuple(words)
 

@@ -143,9 +143,9 @@ def cases_in_words(cases: ByCase, aggregate: str) -> Iterator[str]:
     for unknown, case in cases.worst.items():
         least.setdefault(case, []).append(unknown)
     for case, unknowns in least.items():
-        yield f"Load case with the largest σ of {' and '.join(unknowns)}: {case}."
+        yield f"σ of {' and '.join(unknowns)} is largest in load case {case}."
     if aggregate == "worst":
-        yield f"Load case that determines the layout: {cases.name[index_of_largest(cases.weight * cases.metric)]}."
+        yield f"Load case {cases.name[index_of_largest(cases.weight * cases.metric)]} determines the layout."
 
 
 RESOLVED = 1e-7
@@ -173,7 +173,7 @@ def quiet_noise(training: Training, screened: Screened) -> str:
         return ""
     return (
         f"The noise of the strain gauges is {_size(noise)} per sample, below the {_size(QUIETEST)} of a good amplifier, so σ is "
-        "probably too small. Set gauges.noise_std: {value: …} [strain] to the noise of your amplifier."
+        "probably too small. Set gauges.noise_std.value [strain] to the noise of your amplifier."
     )
 
 
@@ -201,7 +201,7 @@ def unresolved_gauges(listed: GaugeList) -> Iterator[str]:
     those = ", ".join(f"{listed.labels[i]} ({_size(float(listed.peak[i]))})" for i in weak)
     others = "" if len(weak) == len(listed.labels) else ", or move these gauges (gauges.include, gauges.exclude)"
     remedy = f"{LOUDER.capitalize()}{others}"
-    yield f"Readings in the training simulation below the amplifier resolution of {_size(RESOLVED)}: {those}. {remedy}."
+    yield f"The readings of {those} in the training simulation are below the amplifier resolution of {_size(RESOLVED)}. {remedy}."
 
 
 def _size(strain: float) -> str:

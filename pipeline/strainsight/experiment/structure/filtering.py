@@ -130,7 +130,7 @@ def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str
                 for peak, share in zip(one.peak, one.share, strict=True)
             )
             words.append(
-                f"the measurements allow {len(one.peak)} values of {name}: {places}; σ({name}) covers all of these values"
+                f"the measurements allow {len(one.peak)} values of {name}, namely {places}; σ of {name} covers all of them"
             )
     return words
 
@@ -169,13 +169,13 @@ def out_of_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str
     return out_of_range(values, ranges, unknown_units(config), "rom")
 
 
-def widen(parameters: Mapping[str, str]) -> str:
-    """Remedy for parameters outside their ranges."""
-    return f"widen {' and '.join(f'parameters.{name}.range' for name in parameters)}"
+def ranges_in_words(parameters: Mapping[str, str]) -> str:
+    """Keys of the ranges of parameters."""
+    return " and ".join(f"parameters.{name}.range" for name in parameters)
 
 
 EXCLUDED = 5.0
-"""Two estimates exclude each other if they differ by more than this times their combined σ."""
+"""Two estimates disagree if they differ by more than this times their combined σ."""
 Values = Mapping[str, tuple[float, float]]
 """Parameter → value and σ [SI]."""
 
@@ -194,7 +194,7 @@ def by_grid(comparison: Compared | None) -> dict[str, tuple[float, float]]:
 
 
 def excluded(estimate: Values, other: Values) -> str:
-    """Describe parameters with two mutually exclusive estimates; empty without any."""
+    """Describe parameters with two estimates that disagree; empty without any."""
     words = []
     for name, (b, t) in other.items():
         a, s = estimate[name]
@@ -205,5 +205,5 @@ def excluded(estimate: Values, other: Values) -> str:
 
 def excluded_in_words(words: str, settled: bool, key: str) -> str:
     """Reason to withhold σ, from `excluded`; settled: whether the estimate starts settled (`key`)."""
-    by = f"with periodic or with unknown initial motion; check {key}" if settled else "by the same model; report a bug"
-    return f"two estimates exclude each other: {words} ({by})" if words else ""
+    by = f"with periodic and with unknown initial motion; check {key}" if settled else "by the same model; report a bug"
+    return f"two estimates of the same parameters disagree: {words} ({by})" if words else ""

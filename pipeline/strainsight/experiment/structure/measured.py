@@ -376,7 +376,7 @@ def hold_known_loads(
         rate = 1 / (spacing * (signals.time[1] - signals.time[0]))
         missing = int(np.isnan(values).sum())
         if missing:
-            notes.append(f"missing samples of the load {name} that were interpolated by a spline: {missing}")
+            notes.append(f"missing samples of the load {name} were interpolated by a spline ({missing} in total)")
         share = share_above(filled, BAND / spacing)
         fast = f"{100 * share:.2g} % of the RMS of '{name}' is above {BAND * rate:.4g} Hz ({BAND:g} times its sampling rate)"
         if share > LARGEST:

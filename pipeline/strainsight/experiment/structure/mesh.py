@@ -58,7 +58,7 @@ HEAVY = 100.0
 STEEL = 7850.0
 """Density [kg/m³] for the plausibility of point masses: a steel ball should not exceed the structure."""
 SHOWN = 3
-"""Most springs and relations that are listed."""
+"""Most springs and constraint equations that are listed."""
 
 
 def free_motions(mesh: Mesh) -> tuple[str, ...]:
@@ -84,15 +84,15 @@ def loose_warnings(mesh: Mesh) -> tuple[str, ...]:
 
 
 def grounding_warnings(mesh: Mesh) -> tuple[str, ...]:
-    """Warning about springs and relations that resist a rigid-body motion."""
+    """Warning about springs and constraint equations that resist a rigid-body motion."""
     grounding = links(mesh, EXACT)
     if not grounding:
         return ()
     named = "; ".join(f"{link.name} ({link.motion}, nodes {link.apart:.3g} m apart)" for link in grounding[:SHOWN])
     more = f" and {len(grounding) - SHOWN} more" if len(grounding) > SHOWN else ""
     return (
-        f"springs or relations between nodes resist a rigid-body motion like a support: {named}{more}. Move "
-        "their end nodes to the same point, or align the springs and relations with the line between their end nodes",
+        f"springs or constraint equations between nodes resist a rigid-body motion like a support: {named}{more}. Move their "
+        "end nodes to the same point, or align the springs and equations with the line between their end nodes",
     )
 
 
@@ -183,13 +183,12 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
     if missing:
         names = ", ".join(dict.fromkeys(map(short, missing)))
         listed = [f"{mesh.ignored[card]} × {_named(card)} (first at {mesh.unsupported[card]})" for card in missing]
-        linear = [f"{name} with {LINEAR[name]}" for name in map(short, missing) if name in LINEAR]
-        instead = f"Mesh {', '.join(linear)}. " if linear else ""
+        linear = [f"Mesh {name} with {LINEAR[name]}. " for name in map(short, missing) if name in LINEAR]
         more = f" and {len(listed) - 6} more kinds" if len(listed) > 6 else ""
         raise DeckError(
             f"unsupported cards that affect the model: {', '.join(listed[:6])}{more}",
             where=mesh.unsupported[missing[0]],
-            remedy=f"{instead}If their effect is negligible, set mesh.ignore: [{names}]",
+            remedy=f"{''.join(linear)}If their effect is negligible, set mesh.ignore: [{names}]",
         )
     unused = [card for card in ignore if spelt(card) not in {spelt(existing) for existing in mesh.ignored}]
     notes = (f"cards of mesh.ignore that the deck does not contain: {', '.join(unused)}",) if unused else ()
@@ -378,12 +377,12 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
             continue
         keys = {*facets.key[faces.of == face].tolist()}
         name = next((name for name, its in named.items() if its == keys), "")
-        lines = f"gauges.exclude: [{name or 'seat'}]"
+        lines = [f"gauges.exclude: [{name or 'seat'}]"]
         if not name:
-            lines = f"mesh.faces: {{seat: {{{pointed_at(int(face), faces, mesh.position, facets)}}}}} and {lines}"
+            lines.insert(0, f"mesh.faces: {{seat: {{{pointed_at(int(face), faces, mesh.position, facets)}}}}}")
         yield (
-            f"the flat face of {faces.area[face]:.3g} m² at {_point(faces.centre[face])} is {contact.in_words(i)}. If it is a "
-            f"contact face, exclude it from gauges: {lines}"
+            f"the flat face of {faces.area[face]:.3g} m² at {_point(faces.centre[face])} is {contact.support_in_words(i)}. If it "
+            f"is a contact face, exclude it from gauges by {' and '.join(lines)}"
         )
 
 
@@ -393,7 +392,7 @@ def held_below(mesh: Mesh, facets: Facets, grids: Candidates) -> tuple[str, ...]
     contact = contact_faces(mesh, facets, faces)
     of = dict(zip(facets.key.tolist(), faces.of.tolist(), strict=True))
     words = {
-        int(face): f"the face at {_point(faces.centre[face])} is {contact.in_words(i)}"
+        int(face): f"the face at {_point(faces.centre[face])} is {contact.support_in_words(i)}"
         for i, face in enumerate(contact.face)
     }
     return tuple(words.get(of.get(key, -1), "") for key in facet_key(grids.element, grids.facet).tolist())

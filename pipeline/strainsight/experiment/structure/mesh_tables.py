@@ -271,7 +271,7 @@ def _connections(mesh: Mesh) -> Iterator[Row]:
     yield (
         "parts without common nodes",
         str(parts(mesh).count),
-        f"{len(tied)} if ties, relations and springs count as connections",
+        f"{len(tied)} if ties, constraint equations and springs count as connections",
     )
     coincident = Coincident(mesh, joints)
     yield ("coincident nodes that are not connected", str(len(coincident.unjoined)), "")
@@ -300,7 +300,7 @@ def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
         if between
         else ""
     )
-    yield ("rigid-body check: springs and relations between nodes", str(len(between)), detail)
+    yield ("rigid-body check: springs and constraint equations between nodes", str(len(between)), detail)
     supports = len(np.unique(mesh.fixed[:, 0]))
     yield ("supported nodes", str(supports), plural(len(mesh.fixed), "fixed component"))
 

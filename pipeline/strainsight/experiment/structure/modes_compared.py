@@ -133,7 +133,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
         for j, (i, mode) in enumerate(zip(chosen, theirs, strict=True))
     )
     left_out = [
-        f"{card} of the deck is not modelled and may change frequencies: {lost(card)}"
+        f"{card} of the deck is not modelled and may change frequencies ({lost(card)})"
         for card in ignored_structure(mesh)
     ]
     return Compared(pairs, (*notes, *doubts, *left_out), over)

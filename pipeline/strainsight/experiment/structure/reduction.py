@@ -127,7 +127,7 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
                 X, off = symmetric(X, files[key])
             if off > NOTED:
                 notes.append(
-                    f"{files[key].name} was made symmetric (largest asymmetry: {off:.1e} times the largest entry)"
+                    f"{files[key].name} was made symmetric; its largest asymmetry was {off:.1e} times the largest entry"
                 )
             terms[kind].append(Term(X, entry.parameter, 1.0 if entry.at is None else entry.at))
     with blame("mesh.matrices"):

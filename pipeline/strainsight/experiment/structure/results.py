@@ -161,7 +161,7 @@ def _gather(
         if missing.any():
             notes.append(f"nodes of {path.name} that are not in the mesh and are omitted: {int(missing.sum())}")
         if scalar_points:
-            notes.append(f"scalar or fluid points of {path.name} that are omitted: {scalar_points}")
+            notes.append(f"scalar or fluid points of {path.name} are omitted ({scalar_points} in total)")
         for one in of_file:
             _check_responses(one, path, list(steps))
     return notes
@@ -233,10 +233,10 @@ def _proportional(entry: ResultsSection, mesh: Mesh, parameters: Sequence[Parame
     scaled = {}
     for parameter in parameters:
         stiffness = of_stiffness(parameter.property)
-        kind, but = ("stiffness", "springs") if stiffness else ("mass", "point masses")
+        kind, others = ("stiffness", "springs") if stiffness else ("mass", "point masses")
         elsewhere = mesh.springs if stiffness else mesh.point_masses
         if set(regions_of(mesh.elements)) - set(parameter.regions) or elsewhere:
-            part = f"{parameter.name} does not scale {f'the {but} of the deck' if elsewhere else 'all regions'}"
+            part = f"{parameter.name} does not scale {f'the {others} of the deck' if elsewhere else 'all regions'}"
             raise UserError(
                 f"results at one parameter value determine only the effect of a factor on the whole {kind}, but {part}",
                 key=f"parameters.{parameter.name}",

@@ -228,7 +228,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     pool = training.candidates
     if settings.model == "rom":
         rows = training.rows_at(theta)
-        words = f"the filter's own reduced model with {values} (an inverse crime)"
+        words = f"the reduced model of the filter with {values}, without model error (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
     parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh))
     thickness = thickness_at(mesh, [parameter for parameter in parameters if parameter.property == THICKNESS], theta)

@@ -41,7 +41,7 @@ from strainsight.experiment.structure.filtering import (
     posterior_doubts,
     posterior_numbers,
     posteriors_of,
-    widen,
+    ranges_in_words,
 )
 from strainsight.experiment.structure.problem import (
     damping_dependence_text,
@@ -214,7 +214,7 @@ def _decision(config: PlacementConfig, validation: Validation) -> Decision:
         config, trial.problem, {name: accuracy.estimate for name, accuracy in validation.accuracy.items()}
     )
     reasons = (excluded_in_words(exclusion, trial.settled is not None, "train.settle"),)
-    return Decision(reasons=reasons, out_of_range=exceeded, remedy=widen(exceeded))
+    return Decision(reasons=reasons, out_of_range=exceeded, remedy=f"widen {ranges_in_words(exceeded)}")
 
 
 def _watched(using: Resources, activity: str, start: float, end: float) -> Sweep:
@@ -367,8 +367,8 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
     ]
     words += posterior_doubts(validation.validated.posterior, trial.units)
     words += [
-        f"no benefit of the placement for {name}: {accuracy.benefit.as_well} of {accuracy.benefit.sets} random layouts of "
-        "the same size are at least as accurate"
+        f"no benefit of the placement for {name}, because {accuracy.benefit.as_well} of {accuracy.benefit.sets} random layouts "
+        "of the same size are at least as accurate"
         for name, accuracy in validation.accuracy.items()
         if accuracy.benefit is not None and accuracy.benefit.result == "none"
     ]

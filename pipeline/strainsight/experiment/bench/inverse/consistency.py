@@ -129,10 +129,11 @@ class Evidence:
 
     def overconfident(self) -> list[str]:
         """Sentence for every overconfident claim."""
-        subjects = {name: name for name in self.names}
-        subjects |= {smoothed_name(name): f"the smoothed estimate of {name}" for name in self.names}
-        wrong = {key: claim for key, claim in self.claims.items() if claim.overconfident}
-        return [f"{subjects[key]} is {claim.words(number)}" for key, claim in wrong.items()]
+        kinds = {name: ("", name) for name in self.names} | {
+            smoothed_name(name): ("smoothed ", name) for name in self.names
+        }
+        wrong = ((*kinds[key], claim.words(number)) for key, claim in self.claims.items() if claim.overconfident)
+        return [f"the {smoothed}estimate of {name} is {words}" for smoothed, name, words in wrong]
 
     def warnings(self) -> Iterator[str]:
         """Warnings about overconfident, unobservable or inconsistent estimates."""
@@ -143,7 +144,7 @@ class Evidence:
             yield from self.overconfident()
             yield from (
                 f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of the largest value of {name}. Add sensors, "
-                "or remove a known load from estimate.inputs"
+                f"or remove {name} from estimate.inputs if this load is known"
                 for name in self.names
                 if self._share(name) > HARDLY
             )
@@ -283,7 +284,7 @@ METHODS = {
     "iterated": "iterated measurement update with damping",
     "one_shot": "single measurement update, projected onto the constraints",
     "undamped": "iterated measurement update without damping",
-    "as_printed": "single measurement update as printed in the source thesis, without projection",
+    "as_printed": "single measurement update as printed in the thesis of Cottone (2022), without projection",
 }
 TRUTHS = {
     "fine": "measurements simulated with the time step of the filter divided by {substeps}",
@@ -316,7 +317,7 @@ def bench_disagreements(estimation: BenchEstimation) -> list[str]:
     if words and estimation.problem.estimate.inputs:
         words.append(
             "the estimates of the parameter grid filter also depend on estimate.inputs.*.increment and are biased if an "
-            "increment is too large. Remove known loads from estimate.inputs, or correct the increments"
+            "increment is too large. Remove loads that are known from estimate.inputs, or correct the increments"
         )
     return words
 
@@ -337,7 +338,11 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
         "expected_nis": (m - nu) / m if estimate.truth.model != "sampled" else 1.0,
         "violation": float(np.nanmax(result.record.violation)),
         "method": METHODS[estimate.method.update]
-        + (", process noise Q* as printed in the source thesis" if estimate.method.noise == "as_printed" else "")
+        + (
+            ", process noise Q* as printed in the thesis of Cottone (2022)"
+            if estimate.method.noise == "as_printed"
+            else ""
+        )
         + ("" if filtered.compared is None else ", parameter grid filter"),
         "truth": _truth(estimate),
         **result.numbers,

@@ -87,12 +87,7 @@ class FilteredBench:
             seeds = slice(None, None, len(trial.problem.unknowns.starts))
             mean, std, lost = predicted(trial.of_runs(seeds), self.measured[0], part)
         except (ConfigError, NumericalError) as error:
-            return (
-                (),
-                f"without this channel, {error.key}: {error.what}"
-                if error.key
-                else f"without this channel: {error.what}",
-            )
+            return (), f"the filter of the other channels failed: {f'{error.key}: ' if error.key else ''}{error.what}"
         if lost.any():
             return (), f"without this channel, {lost.sum()} of {len(lost)} filter runs diverge"
         return ((mean, std),), ""
