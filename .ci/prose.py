@@ -145,7 +145,8 @@ def strings(tree):
 def is_sentence(text):
     """Whether a string is prose: three words or more, and no markup, regular expression or code."""
     text = re.sub(r"`[^`]*`|(?<![\w/])[\w*]+(\.[\w*]+)+(?![\w/])", "x", text)  # code and config keys
-    if re.search(r"[<>\\]|\w\(|^\s*[#.@]|:\s*\{|;\s*$|=[\"']|^[^\[]*\w\|\w[^\[]*\w\|\w", text.replace("{…}", "x")):
+    text = re.sub(r"\{(\w+|…)\}", " x ", text)  # values
+    if re.search(r"[<>\\]|\w\(|^\s*[#.@]|:\s*\{|;\s*$|=[\"']|^[^\[]*\w\|\w[^\[]*\w\|\w", text):
         return False
     return len(re.findall(r"(?<![\w/.-])[A-Za-z]{2,}(?![\w/-])", text)) >= 3
 

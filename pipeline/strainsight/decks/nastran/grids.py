@@ -212,8 +212,8 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
             lost = "e_r and e_θ" if systems[int(cid)].kind == "cylindrical" else "e_θ and e_φ"
             notes.append(
                 f"nodes with CD = {cid} on the axis of this coordinate system ({on_axis.sum()} in total, first node "
-                f"{nodes.ids[rows[on_axis][0]]}): {lost} are undefined on the axis, so the rectangular axes of the "
-                "system are used at these nodes"
+                f"{nodes.ids[rows[on_axis][0]]}): {lost} are undefined there, so the rectangular axes of the "
+                "system are used"
             )
     texts = [card.text(6) or PS for card in grids]
     permanent = [(grids[i], i, text) for i, text in enumerate(texts) if text not in ("", "0")]
