@@ -163,8 +163,8 @@ def entries(node, texts={}, key=""):  # noqa: B006  # never changed
     is_call = isinstance(node, ast.Call)
     nodes = [*node.args, *(word.value for word in node.keywords)] if is_call else [node]
     parts = [" ".join(text.split()) for part in nodes if (text := joined(part, texts))]
+    parts = [part for part in parts if not re.fullmatch(LAYOUT, part)]
     if any(map(is_sentence, parts)):
-        parts = [part for part in parts if is_sentence(part) or not re.fullmatch(LAYOUT, part)]
         yield node.lineno, " → ".join(filter(None, (key, *parts)))
         nodes = [part for part in nodes if joined(part, texts) is None] if is_call else []
     elif isinstance(node, ast.Dict):

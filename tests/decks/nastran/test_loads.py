@@ -253,8 +253,8 @@ def test_axes_on_system_axis_are_rectangular(read, tetrahedron, shape, middle):
     mesh = read(system + "GRID,9,,{:.12f},{:.12f},{:.12f},4\n".format(*point) + tetrahedron + "ENDDATA\n")
     np.testing.assert_allclose(mesh.axes[0], frame, atol=1e-10)
     assert mesh.notes == (
-        f"nodes with CD = 4 on the axis of this coordinate system (1 in total, first node 9): {lost} are undefined on the axis, "
-        "so the rectangular axes of the system are used at these nodes",
+        f"nodes with CD = 4 on the axis of this coordinate system (1 in total, first node 9): {lost} are undefined there, "
+        "so the rectangular axes of the system are used",
     )
 
 
