@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.estimation.decision import SLACK
 from strainsight.measurements.clock import shifted
 
-ModelKind = Literal["frequency", "mass", "damping", "direction", "warming", "gain"]
+ModelKind = Literal["frequency", "mass", "damping", "direction", "warming", "gain", "hum"]
 Kind = (
     Literal[
         "sign", "scale", "swapped", "offset", "drift", "late", "angle", "dead", "clipped", "spikes", "stuck", "shift"
@@ -56,8 +56,8 @@ MOST_PARTS, LONGEST_PART = 20, 0.2
 class Fault:
     """A fault of a channel, a known load or the model. channel: number of the channel, of the load, or of the mode (frequency).
     amount: factor (scale, frequency, damping), number of the other channel or load (swapped), delay in samples (late), degrees
-    (angle), shift of the zero (shift) [unit], mass [kg], else 0; of_load: whether `channel` is the number of a known load;
-    spans: channel, first sample and end of temporary faults (spikes, stuck, shift)."""
+    (angle), shift of the zero (shift) [unit], mass [kg], frequency [Hz] (hum), else 0; of_load: whether `channel` is the number
+    of a known load; spans: channel, first sample and end of temporary faults (spikes, stuck, shift)."""
 
     kind: Kind
     channel: int

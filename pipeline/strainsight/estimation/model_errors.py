@@ -25,7 +25,7 @@ GAIN = 0.2
 
 def model_errors(model: FilterModel, considered: ConsideredParameters) -> list[Fault]:
     """First errors to try: frequencies of the modes that the channels measure, masses at the loads, damping, and direction and
-    point of the loads, drift and gain of all gauges."""
+    point of the loads, drift of all gauges, and their gain if a load is known."""
     rows, rom = considered.frequency, model.model
     modes = np.flatnonzero(rows[1:].any(axis=0)) if len(rows) > 1 else np.zeros(0, dtype=int)
     step = STEPS["frequency"]
@@ -33,7 +33,7 @@ def model_errors(model: FilterModel, considered: ConsideredParameters) -> list[F
     errors += [Fault("mass", i, mass) for i in range(len(rom.inputs)) if (mass := _mass(rom, i)) > 0]
     errors += [Fault("damping", 0, factor) for factor in (1 / STEPS["damping"], STEPS["damping"])]
     errors += [Fault("direction", 0)] * bool(len(considered.shape))
-    return [*errors, Fault("warming", 0), Fault("gain", 0)]
+    return [*errors, Fault("warming", 0), *[Fault("gain", 0)] * bool(model.known_inputs)]
 
 
 def _mass(model: ReducedModel, load: int) -> float:

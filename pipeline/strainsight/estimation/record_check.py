@@ -34,9 +34,6 @@ from strainsight.estimation.load_faults import ResidualPattern, residual_pattern
 INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
 """Factors on the intensity of unknown loads for a stretch at rest; the most likely one is used."""
 
-FASTER = (3.0, 10.0, 30.0, 100.0)
-"""Factors on the intensity of unknown loads that explain a residual pattern if their process noise is too small."""
-
 SPIKE = 8.0
 """Size of an innovation in σ that cannot be noise."""
 ROUNDS = 12
@@ -129,8 +126,7 @@ def _unmodelled_load(part: CheckRecord, fit: Fit, finding: Diagnosis) -> Residua
     pattern = residual_pattern(white, innovation, part.noise, BELIEVABLE)
     if pattern is None:
         return None
-    others = [one.evidence for one in finding.candidates]
-    others += [explain_record(scale_intensity(part, factor), None)[0].evidence for factor in FASTER if inputs]
+    others = [finding.reference, *(one.evidence for one in finding.candidates)]
     evidence = as_it_is.evidence + pattern.gain
     return pattern if evidence > max([as_it_is.evidence + MARGIN, *(other + APART for other in others)]) else None
 

@@ -251,6 +251,11 @@ class FaultInWords:
         if fault.kind == "direction":
             what = "a load has another direction or point of application than in the model"
             return what, "check direction and point of the loads on the structure, or increase tolerances.load_angle"
+        if fault.kind == "hum":
+            return (
+                f"all channels contain a common sine of {fault.amount:g} Hz",
+                "remove the mains hum: check shields and earth",
+            )
         if fault.kind == "warming":
             what = "all strain gauges drift together"
             return what, "compensate the temperature, or set tolerances.temperature"
