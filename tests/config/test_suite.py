@@ -204,7 +204,7 @@ MISTAKES = {
         ("{place.keep: 5}", "{name: other}", "runs[0].set.name", "cannot set 'name'"),
         ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite"),
         ("name: watched", "name: cantilever-youngs-modulus", "runs[1].name", "name of runs[0]"),
-        ("name: all", "name: watched-short", "runs[1].name", "name of the suite itself"),
+        ("name: all", "name: watched-short", "runs[1].name", "name of the suite"),
         ("title: Two runs", 'title: "Two \\e[31mruns"', "title", "control character U+001B"),
         ("label: E, only observed", 'label: "a\\0b"', "runs[1].label", "control character U+0000"),
         *(

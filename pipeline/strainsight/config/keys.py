@@ -256,9 +256,9 @@ def _wrong_value(key: str, entries: list[Any]) -> Problem:
         remedy = "write the number without quotes and without unit"
         if comma:
             remedy = f"write the number with a decimal point: {comma[1]}.{comma[2]}"
-    if isinstance(value, str) and wanted == ["true or false"] and value.lower() in YES | NO:
+    if isinstance(value, str) and wanted == [TYPES["bool_type"]] and value.lower() in YES | NO:
         remedy = f"write {'true' if value.lower() in YES else 'false'}"
-    return Problem(key, f"is {_shown(value)}, but has to be {' or '.join(dict.fromkeys(wanted))}", remedy)
+    return Problem(key, f"the value is {_shown(value)}, but has to be {' or '.join(dict.fromkeys(wanted))}", remedy)
 
 
 def _shown(value: Any) -> str:

@@ -183,7 +183,7 @@ def _exclude(suggestion: Suggestion, answers: Answers) -> str:
                 f"    # {entry:<27} # other side of the same bores: uncomment this line if this is the contact face\n"
             )
         else:
-            lines += f"    {entry:<29} # ← {place.lies_on}: probable contact face; if not, remove this line\n"
+            lines += f"    {entry:<29} # ← probable contact face ({place.lies_on}); if not, remove this line\n"
     if not lines:
         return cone or EXCLUDE
     return f"{cone}{lines}" if cone else ON_SEATS.format(lines=lines)

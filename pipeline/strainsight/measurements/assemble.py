@@ -61,7 +61,7 @@ def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step
                 notes.extend(more)
         missing = np.isnan(calibrated)
         if missing.any():
-            notes.append(f"{name}: samples are missing ({np.count_nonzero(missing)} of {len(calibrated)})")
+            notes.append(f"{name}: samples are missing ({missing.sum()} of {missing.size})")
             notes.extend(_stretch(name, missing, recording.time))
         notes.extend(done)
         with blame(name):
@@ -88,8 +88,8 @@ def _stretch(name: str, missing: np.ndarray, time: np.ndarray) -> tuple[str, ...
         return ()
     start, end = time[first[longest]], time[behind[longest] - 1]
     return (
-        f"{name}: all samples from {start:.9g} to {end:.9g} s are missing ({count}); in this "
-        "interval only the other channels are used",
+        f"{name}: all {count} samples from {start:.9g} to {end:.9g} s are missing; in this "
+        "interval, only the other channels are used",
     )
 
 
