@@ -198,7 +198,7 @@ def test_page_lists_varied_key_and_location_of_results(write):
 
 MISTAKES = {
     SUITE: [
-        ("runs:", "runs: []\nrest:", "runs", "has to be at least 1 entry long"),
+        ("runs:", "runs: []\nrest:", "runs", "has to be a list of at least 1 entry"),
         ("suffix: -short", "suffix: a b", "suffix", "is not a valid name"),
         ("{place.keep: 5}", "{place..keep: 5}", "runs[0].set.place..keep", "is not a dotted key"),
         ("{place.keep: 5}", "{name: other}", "runs[0].set.name", "cannot set 'name'"),

@@ -157,7 +157,7 @@ class Plausible:
     def interval(self) -> str:
         """`0.0005 to 0.2 m`, or `up to 360 deg`"""
         unit = "" if self.unit == "-" else f" {self.unit}"
-        return f"{self.low:g} to {self.high:g}{unit}" if self.low else f"up to {self.high:g}{unit}"
+        return f"{f'{self.low:g}' if self.low else 'up'} to {self.high:g}{unit}"
 
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
         return handler(core) | {"plausible": self.interval()}

@@ -238,10 +238,10 @@ def _at(t: np.ndarray, index: int) -> str:
 def numbers(values: np.ndarray, name: str, where: str) -> np.ndarray:
     """The samples of a channel as numbers (T,). Raises UserError if they are not finite numbers."""
     if values.dtype.kind not in "iuf" or values.ndim != 1:
-        content = {"O": "text or objects", "S": "text", "U": "text", "M": "dates and times"}.get(values.dtype.kind)
-        description = content or (
-            f"values of shape {values.shape[1:]}" if values.ndim != 1 else f"values of type {values.dtype}"
-        )
+        kind = values.dtype.kind
+        special = "dates and times" if kind == "M" else "text or objects" if kind == "O" else "text"
+        other = f"values of shape {values.shape[1:]}" if values.ndim != 1 else f"values of type {values.dtype}"
+        description = special if kind in "MOSU" else other
         raise UserError(
             f"channel {name!r} contains {description} instead of numbers",
             where=where,

@@ -122,7 +122,7 @@ class StrainSensorSection(OnFlexibleBody, Snapped):
     )
     zeroed: bool = Field(
         False,
-        description="`true`: subtract the reading of each gauge at the start of the run from all its readings (zero balance).",
+        description="`true`: subtract the first simulated reading of each gauge from all its readings (zero balance).",
     )
 
 

@@ -309,7 +309,7 @@ class Bushing(Between):
     """Linear springs and dampers for the displacements and small rotations of the second frame relative to the first frame, in
     the axes of the first frame."""
 
-    type: Literal["bushing"] = Field(description="Kind of force: springs and dampers for all components.")
+    type: Literal["bushing"] = Field(description="Kind of force: springs and dampers for all six components.")
     stiffness: Annotated[Six, STIFFNESS] = expert(
         description="Six values: stiffness along the x, y and z axes of the first frame [N/m], then about these axes [N m/rad]."
     )
