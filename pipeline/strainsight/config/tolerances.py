@@ -57,6 +57,14 @@ class Tolerances(GaugeTolerances):
     """Standard deviations of the errors of gauge installation, load application and model; 0 means exact. A simulated test with
     model error samples the errors from these standard deviations."""
 
+    common_gain: Annotated[float, GAIN] = expert(
+        0.005,
+        ge=0,
+        le=0.5,
+        description="Relative standard deviation of a gain error common to all strain gauges, from bridge supply, amplifier and "
+        "the gauge factor of one batch [-].",
+    )
+
     offset: Annotated[NotNegative, STRAIN] = expert(
         0.0,
         description="Standard deviation of the constant offset of each strain channel, independent of the other channels "

@@ -22,6 +22,7 @@ from strainsight.estimation.faults import (
 from strainsight.estimation.grid_filter import GridRun, filter_on_grid
 from strainsight.estimation.load_faults import undo_load_fault
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.model_errors import add_constant, apply_model_error
 from strainsight.estimation.peak import find_peak
 from strainsight.estimation.record import GridRecord
 
@@ -29,6 +30,8 @@ IMPOSSIBLE = -1e200
 """ln evidence below which a record is outside the floating-point range."""
 STRETCHED = 4.5
 """Plausible limit of a tolerance in σ: one of fifty normal numbers exceeds it in 3 of 10 000 records."""
+LEARNED = 0.1
+"""Least share of the variance of a frequency that counts as determined by the measurements."""
 BROAD = np.sqrt(3.0)
 """Prior σ of an offset, or of a drift at the end of the record, over the RMS of the channel."""
 
@@ -71,7 +74,9 @@ def explain_record(record: CheckRecord, fault: Fault | None) -> tuple[Explained,
     considered parameter of σ BROAD times the RMS of the channel. A dead channel has the density of a constant and white
     noise."""
     corrected, change, unit = record, 0.0, 0.0
-    if fault is not None and fault.of_load:
+    if fault is not None and fault.of_model:
+        corrected = apply_model_error(record, fault)
+    elif fault is not None and fault.of_load:
         corrected = undo_load_fault(record, record.load, fault)
     elif fault is not None:
         samples, change = undo_fault(fault, record.samples)
@@ -124,21 +129,11 @@ def _with_zero(
     considered: ConsideredParameters, fault: Fault, unit: float, record: CheckRecord
 ) -> ConsideredParameters:
     """Add one constant: the offset of a channel, or its drift from the start of the record to the end of these samples."""
-    (_, m, n), width = considered.D.shape, considered.E.shape[-1]
-    row, drifts = np.zeros((1, m)), fault.kind == "drift"
-    E = np.pad(considered.E, [(0, 1), (0, 0), (0, int(drifts and width == record.known.shape[-1]))])
+    row, drifts = np.zeros(considered.offset.shape[1]), fault.kind == "drift"
     before = record.begin / (record.begin + len(record.samples)) if drifts else 1.0
-    row[0, fault.channel] = unit * before
-    if drifts:
-        E[-1, fault.channel, -1] = unit * (1 - before)
-    return replace(
-        considered,
-        source=(*considered.source, fault.kind),
-        D=np.concatenate([considered.D, np.zeros((1, m, n))]),
-        E=E,
-        offset=np.concatenate([considered.offset, row]),
-        B=None if considered.B is None else np.pad(considered.B, [(0, 1), (0, 0), (0, 0)]),
-    )
+    row[fault.channel] = unit
+    drift = (1 - before) * row if drifts else None
+    return add_constant(considered, fault.kind, record.known, offset=before * row, drift=drift)
 
 
 def innovation_ratio(grid_run: GridRun, part: slice = slice(None)) -> float:
@@ -173,16 +168,24 @@ def needs_fault_search(as_it_is: Explained, grid_run: GridRun | None) -> bool:
     return grid_run is None or too_large(as_it_is, grid_run) or bool(np.any(np.abs(grid_run.nu_moments[0]) > STRETCHED))
 
 
-def shifted_mode(record: CheckRecord, grid_run: GridRun | None) -> ShiftedMode | None:
-    """The mode with the largest frequency shift over its tolerance; None within STRETCHED."""
-    rows, modes = record.considered.frequency, record.model.model.size
+def shifted_mode(
+    model: FilterModel, considered: ConsideredParameters, grid_run: GridRun | None, limit: float = STRETCHED
+) -> ShiftedMode | None:
+    """The mode with the largest frequency shift over what its tolerance predicts; None within `limit`:
+
+        zⱼ = Fⱼᵀν̂ / √(Fⱼᵀ(I − P)Fⱼ)  ~  N(0, 1)
+
+    ν̂, P: estimate of the considered frequencies and its covariance; Fⱼ: their effect on ln ωⱼ."""
+    rows = considered.frequency
     if grid_run is None or not len(rows):
         return None
-    behind = record.considered.of_modes(modes)
-    change = grid_run.nu_moments[0][behind - len(rows) : behind] @ rows
-    size = np.abs(change) / np.sqrt(np.sum(rows**2, axis=0))
+    (mean, covariance), behind = grid_run.nu_moments, considered.of_modes(model.model.size)
+    at = slice(behind - len(rows), behind)
+    change = mean[at] @ rows
+    predicted = np.einsum("kj,kl,lj->j", rows, np.eye(len(rows)) - covariance[at, at], rows)
+    size = np.abs(change) / np.sqrt(np.maximum(predicted, LEARNED * np.sum(rows**2, axis=0)))
     j = int(np.argmax(size))
-    return ShiftedMode(j, float(np.exp(change[j])), float(size[j])) if size[j] > STRETCHED else None
+    return ShiftedMode(j, float(np.exp(change[j])), float(size[j])) if size[j] > limit else None
 
 
 LONGEST = 4000

@@ -16,6 +16,7 @@ from strainsight.estimation.fault_evidence import (
     needs_fault_search,
     relative_innovation,
     shifted_mode,
+    too_large,
 )
 from strainsight.estimation.faults import (
     ANGLES,
@@ -35,6 +36,7 @@ from strainsight.estimation.faults import (
 )
 from strainsight.estimation.grid_filter import GridRun
 from strainsight.estimation.load_faults import Innovations, ResidualPattern, compute_innovations, select_load_faults
+from strainsight.estimation.model_errors import between, further, model_errors
 
 TURNS = 3
 """Angles of a channel, the best by the prediction of the others, that are ranked among its faults."""
@@ -42,6 +44,8 @@ CLOSELY, EACH = 6, 2
 """Faults evaluated with all tolerances: the best overall, and the best of each channel that may be wrong."""
 PAIRS = 5
 """Number of channels of which all pairs are tried as swapped."""
+MOST_SIZES, HALVED = 6, 2
+"""Most sizes of a model error that are tried one after another, and how often the interval about the best is halved."""
 FAINT, QUIET = 0.2, 2.0
 """A channel may be dead below this share of its prediction, and below this multiple of its noise."""
 FEWEST = 3
@@ -91,7 +95,11 @@ def examine_record(
     finding = search_faults(record, progress, (as_it_is, grid_run))
     too_large = not as_it_is.ratio <= BELIEVABLE and relative_innovation(grid_run) > discrepancy
     more_channels = record.samples.shape[1] > len(record.model.unknowns.inputs)
-    shifted = shifted_mode(record, grid_run) if more_channels and not (finding.inconsistent or too_large) else None
+    shifted = (
+        shifted_mode(record.model, record.considered, grid_run)
+        if more_channels and not (finding.inconsistent or too_large)
+        else None
+    )
     return replace(finding, inconsistent=finding.inconsistent or too_large or shifted is not None, shifted=shifted)
 
 
@@ -146,8 +154,30 @@ def search_faults(
         tried.append(explain_record(record, fault)[0])
         progress(0.4 + 0.6 * (k + 1) / len(wanted))
     tried += _extend_delays(record, wanted, tried)
+    if grid_run is None or too_large(as_it_is, grid_run) or choose_fault(as_it_is.evidence, tried)[1]:
+        tried += _try_model_errors(record, as_it_is.evidence)
     named, candidates = choose_fault(as_it_is.evidence, tried)
     return Diagnosis(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates)
+
+
+def _try_model_errors(record: CheckRecord, as_it_is: float) -> list[Explained]:
+    """Evaluated errors of the model: their sizes grow as long as the evidence does, from as_it_is on, and the interval about the
+    best is halved HALVED times."""
+    tried: list[Explained] = []
+    for first in model_errors(record.model, record.considered):
+        sizes, highest, fault = {first: explain_record(record, first)[0]}, as_it_is, first
+        while sizes[fault].evidence > highest and (ahead := further(fault)) is not None and len(sizes) < MOST_SIZES:
+            highest, fault = sizes[fault].evidence, ahead
+            sizes[fault] = explain_record(record, fault)[0]
+        for _ in range(HALVED * (len(sizes) > 1)):
+            ordered = sorted(sizes, key=lambda one: one.amount)
+            best = max(range(len(ordered)), key=lambda k: sizes[ordered[k]].evidence)
+            for k in (best - 1, best + 1):
+                if 0 <= k < len(ordered):
+                    middle = between(ordered[best], ordered[k])
+                    sizes[middle] = explain_record(record, middle)[0]
+        tried += sizes.values()
+    return tried
 
 
 def _try_load_faults(record: CheckRecord) -> tuple[list[Explained], Innovations | None]:

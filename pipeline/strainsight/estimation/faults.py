@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from strainsight.estimation.decision import SLACK
 from strainsight.measurements.clock import shifted
 
-Kind = Literal[
-    "sign", "scale", "swapped", "offset", "drift", "late", "angle", "dead", "clipped", "spikes", "stuck", "shift"
-]
+ModelKind = Literal["frequency", "mass", "damping", "direction", "warming", "gain"]
+Kind = (
+    Literal[
+        "sign", "scale", "swapped", "offset", "drift", "late", "angle", "dead", "clipped", "spikes", "stuck", "shift"
+    ]
+    | ModelKind
+)
 
 BELIEVABLE = 1.5
 """RMS of the innovations over the claim up to which a record is consistent with its model."""
@@ -50,9 +54,10 @@ MOST_PARTS, LONGEST_PART = 20, 0.2
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of a channel or a known load. amount: factor (scale), number of the other channel or load (swapped), delay in
-    samples (late), degrees (angle), shift of the zero (shift) [unit], else 0; of_load: whether `channel` is the number of a
-    known load; spans: channel, first sample and end of temporary faults (spikes, stuck, shift)."""
+    """A fault of a channel, a known load or the model. channel: number of the channel, of the load, or of the mode (frequency).
+    amount: factor (scale, frequency, damping), number of the other channel or load (swapped), delay in samples (late), degrees
+    (angle), shift of the zero (shift) [unit], mass [kg], else 0; of_load: whether `channel` is the number of a known load;
+    spans: channel, first sample and end of temporary faults (spikes, stuck, shift)."""
 
     kind: Kind
     channel: int
@@ -82,8 +87,13 @@ class Fault:
     @property
     def family(self) -> tuple[str, int, float, bool]:
         """Key of faults that need the same correction: delays of one channel, rotations of one."""
-        amount = 0.0 if self.kind in ("late", "angle", "shift") else abs(self.amount)
+        amount = 0.0 if self.of_model or self.kind in ("late", "angle", "shift") else abs(self.amount)
         return self.kind, self.channel, amount, self.of_load
+
+    @property
+    def of_model(self) -> bool:
+        """Whether this is an error of the model, not of a channel or a known load."""
+        return self.kind in get_args(ModelKind)
 
     @property
     def wrong(self) -> tuple[int, ...]:
@@ -95,7 +105,7 @@ class Fault:
     @property
     def channels(self) -> tuple[int, ...]:
         """All channels that are wrong."""
-        return () if self.of_load else self.wrong
+        return () if self.of_load or self.of_model else self.wrong
 
 
 def undo_fault(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:

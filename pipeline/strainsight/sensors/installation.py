@@ -41,6 +41,7 @@ class Sensitivity:
     angle [unit/rad]: rotation of the gauge about the outward normal, right-handed
     tilt_along, tilt_across [unit/rad]: rotation of a motion sensor about e₁ and e₂; zero for strain gauges on the surface
     gain [unit]: relative error of the scale factor of the reading; this is the row itself
+    common_gain [strain]: relative error of all strain gauges alike; zero for motion sensors
     transverse [strain]: transverse sensitivity K_t of a strain gauge; zero for motion sensors, which have tilts
     along_twice, across_twice, along_across [unit of the channel/m²], turned_twice [unit/rad²]: second derivatives
 
@@ -52,6 +53,7 @@ class Sensitivity:
     tilt_along: np.ndarray
     tilt_across: np.ndarray
     gain: np.ndarray
+    common_gain: np.ndarray
     transverse: np.ndarray
     along_twice: np.ndarray
     across_twice: np.ndarray
@@ -62,6 +64,8 @@ class Sensitivity:
 SECOND = ("along_twice", "across_twice", "along_across", "turned_twice")
 COMMON = ("along", "across", "angle", "tilt_along", "tilt_across", *SECOND)
 """Errors that all channels of a gauge have in common."""
+COMMON_GAIN = "common_gain"
+"""Error that all strain gauges have in common."""
 PER_CHANNEL = ("gain", "transverse")
 """Errors of a single channel."""
 
@@ -124,6 +128,7 @@ def sensitivity_rows(
         tilt_along=nothing if straining.all() else np.where(straining, 0.0, read(np.cross(e1, d))),
         tilt_across=nothing if straining.all() else np.where(straining, 0.0, read(np.cross(e2, d))),
         gain=reading,
+        common_gain=np.where(straining, reading, 0.0),
         transverse=np.where(straining, transverse_reading + CALIBRATION_POISSON * reading, 0.0),
         along_twice=second[0],
         across_twice=second[1],
@@ -135,7 +140,9 @@ def sensitivity_rows(
 def given_sensitivity(rows: np.ndarray) -> Sensitivity:
     """Sensitivity of channels with imported rows (m, r), without a surface: their gain only."""
     nothing = np.zeros_like(rows)
-    return Sensitivity(nothing, nothing, nothing, nothing, nothing, rows, nothing, nothing, nothing, nothing, nothing)
+    return Sensitivity(
+        nothing, nothing, nothing, nothing, nothing, rows, rows, nothing, nothing, nothing, nothing, nothing
+    )
 
 
 def _steps(candidates: Candidates, skin: Skin, std: float) -> np.ndarray:
@@ -197,13 +204,15 @@ def normals_of(position: np.ndarray, points: ChannelPoints) -> np.ndarray:
 
 @dataclass(frozen=True)
 class InstallationStd:
-    """σ of installation errors: position [m] along each of two directions; angle [rad]; gain [-]; transverse [-]: K_t; offset
-    [strain]. At the end of a record: drift [strain] of the zero, temperature [K] of the part, which changes all gauges by
-    thermal_output [strain/K], and each gauge in addition by thermal_spread [strain/K]."""
+    """σ of installation errors: position [m] along each of two directions; angle [rad]; gain [-];
+    common_gain [-] of all strain gauges; transverse [-]: K_t; offset [strain]. At the end of a record: drift [strain] of the
+    zero, temperature [K] of the part, which changes all gauges by thermal_output [strain/K], and each gauge in addition by
+    thermal_spread [strain/K]."""
 
     position: float = 0.0
     angle: float = 0.0
     gain: float = 0.0
+    common_gain: float = 0.0
     transverse: float = 0.0
     offset: float = 0.0
     drift: float = 0.0
@@ -223,7 +232,8 @@ class InstallationStd:
         place, turn = self.position, self.angle
         first = {"along": place, "across": place, "angle": turn, "tilt_along": turn, "tilt_across": turn}
         twice = {"along_twice": place**2 / 2**0.5, "across_twice": place**2 / 2**0.5, "along_across": place**2}
-        return first | twice | {"turned_twice": turn**2 / 2**0.5, "gain": self.gain, "transverse": self.transverse}
+        gains = {"gain": self.gain, COMMON_GAIN: self.common_gain, "transverse": self.transverse}
+        return first | twice | {"turned_twice": turn**2 / 2**0.5} | gains
 
     def mean(self, sensitivity: Sensitivity) -> np.ndarray:
         """Mean change of the readings (g, r) by installation errors: ½ σ² of every second derivative in one error."""
@@ -275,14 +285,15 @@ def sample_installation(candidates: Candidates, std: InstallationStd, rng: np.ra
     of_gauge, of_grid = rng.standard_normal((grids.gauges, 5)), rng.standard_normal((len(grids), 3))
     of_gauge *= ~grids.bonded[grids.first][:, None]
     straining = grids.quantity == STRAIN
-    # sampled last, so that the other samples do not change with it
+    # sampled last, so that the other samples do not change with them
     drift, warmer = std.drift * rng.standard_normal(m), std.temperature * rng.standard_normal()
     of_kelvin = std.thermal_output + std.thermal_spread * rng.standard_normal(grids.gauges)
+    common = std.common_gain * rng.standard_normal() * straining
     return Installation(
         place=std.position * of_gauge[:, :2],
         angle=std.angle * of_gauge[:, 2],
         tilt=std.angle * of_gauge[:, 3:] * ~straining[grids.first][:, None],
-        gain=std.gain * of_grid[:, 0],
+        gain=std.gain * of_grid[:, 0] + common,
         transverse=std.transverse * of_grid[:, 1] * straining,
         offset=std.offset * of_grid[:m, 2] * straining[:m],
         drift=(drift + warmer * candidates.read(of_kelvin[grids.gauge])) * straining[:m],

@@ -59,6 +59,7 @@ REMEDY = {
     "position": "position the gauges more accurately, or move the gauges to locations with smaller strain gradients",
     "angle": "align the gauges more accurately",
     "gain": "calibrate the channels more accurately",
+    "common gain": "calibrate the amplifier with a shunt, or use gauges of several batches",
     "transverse sensitivity": "use gauges of known transverse sensitivity",
     "offset": "zero the channels more accurately",
     "drift": "use channels with less drift, or a shorter record",

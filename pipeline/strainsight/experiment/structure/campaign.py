@@ -13,12 +13,14 @@ from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.errors import ConfigError, InconsistentRecordError, NumericalError
 from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
+from strainsight.estimation.fault_evidence import ShiftedMode, shifted_mode
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import WantedCovariances
 from strainsight.experiment.hold_out import held_out
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.considered import exact_frequencies_in_words, not_held_in_words, tolerated
 from strainsight.experiment.structure.consistency import (
+    CHECK_MODE,
     ConsistencyResult,
     Together,
     build_check_record,
@@ -72,6 +74,9 @@ from strainsight.sensors.candidates import UNITS, units_in_words
 
 CHECKED, FILTERED, LATER, HELD = 0.4, 0.6, 0.7, 0.95
 """Progress with a short record at the channel check, at begin and end of filtering, and at the end of the hold-out test."""
+SHIFTED = 1.5
+"""Shift of a natural frequency over what its tolerance predicts, above which σ is computed with a larger tolerance: the ratio of
+Birge, Phys. Rev. 40 (1932), for one tolerance."""
 CHECK, REST = 0.15, 0.45
 """Time of the channel check, and of fields and files, relative to one pass of filter and smoother."""
 
@@ -207,7 +212,7 @@ def campaign_of(
 
     # filter and smoother, and further reasons to withhold σ
     progress("filter", FILTERED)
-    results = _filtered(
+    results, shifted = _filtered(
         config,
         filters,
         decision,
@@ -215,6 +220,8 @@ def campaign_of(
         wanted,
         lambda share: progress("filter and smoother", FILTERED + (LATER - FILTERED) * share),
     )
+    if shifted is not None:
+        filters = [record.with_wider_frequencies(shifted.size) for record in filters]
     exclusion, note = _excluded_by_comparison(config, filters[0], results[0])
     out_of_range: dict[str, str] = {}
     for record, result in zip(filters, results, strict=True):
@@ -254,7 +261,7 @@ def campaign_of(
     # estimate of each record
     not_held = not_held_in_words(structure)
     exact = "" if withheld else exact_frequencies_in_words(config)
-    notes = (*bare, note, *_notes(hidden, tuning), *damage_notes)
+    notes = (*bare, note, *_notes(hidden, tuning), *damage_notes, "" if shifted is None else _shift_in_words(shifted))
     common = Common(config, decision, skin, virtual, (*not_held, exact), notes)
     estimations = {}
     for record, result, judgement, hold_out in zip(filters, results, judgements, hold_outs, strict=True):
@@ -296,8 +303,9 @@ def _filtered(
     judgements: Sequence[ConsistencyResult],
     wanted: Wants,
     progress: Callable[[float], None],
-) -> tuple[FilteredRecord, ...]:
-    """Run filter and smoother, and a comparison with other filters if configured or cheap."""
+) -> tuple[tuple[FilteredRecord, ...], ShiftedMode | None]:
+    """Run filter and smoother, and a comparison with other filters if configured or cheap. If natural frequencies differ from the
+    model by more than SHIFTED of what their tolerance predicts, run again with the tolerance that fits, and return the mode."""
     if not decision.accept:
         # σ is withheld; without scaled σ the parameter grid cannot follow inconsistent measurements
         ratios = [one.birge_ratio for one in judgements]
@@ -305,11 +313,18 @@ def _filtered(
     first, compare = filters[0], config.filter.compare
     try:
         consistent = [decision.accept or one.trusted for one in judgements]
-        results = filter_by_consistency(filters, consistent, wanted, progress)
+        results, shifted = filter_by_consistency(filters, consistent, wanted, progress), None
+        if not decision.withheld:
+            pairs = zip(filters, results, strict=True)
+            shifts = [shifted_mode(one.model, one.considered, result.grid_run, SHIFTED) for one, result in pairs]
+            shifted = max(filter(None, shifts), key=lambda shift: shift.size, default=None)
+        if shifted is not None:
+            filters = [record.with_wider_frequencies(shifted.size) for record in filters]
+            results = filter_by_consistency(filters, consistent, wanted, progress)
         compare = not first.long if compare is None else compare
         if len(filters) == 1 and compare and not decision.withheld and first.problem.method == "grid":
             results = (replace(results[0], compared=compared(first.problem, first.grid_record)),)
-        return results
+        return results, shifted
     except (NumericalError, np.linalg.LinAlgError) as error:
         if decision.inconsistent:
             why = error.what if isinstance(error, NumericalError) else error
@@ -343,6 +358,14 @@ def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, resul
     return (
         "",
         f"the comparison of filters neglects tolerances, but estimates with and without tolerances disagree: {words}",
+    )
+
+
+def _shift_in_words(shifted: ShiftedMode) -> str:
+    return (
+        f"the natural frequencies differ from the model: mode {shifted.mode + 1} by {100 * (shifted.factor - 1):+.2g} %, "
+        f"{shifted.size:.2g} times what tolerances.frequency predicts. σ is computed with a tolerance that is larger by this "
+        f"factor. {CHECK_MODE.capitalize()}"
     )
 
 

@@ -36,7 +36,7 @@ from strainsight.experiment.structure.truth import BY_MODE, modulus_estimated
 from strainsight.rom.modal_step import modal_step, simulate
 from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
-from strainsight.sensors.installation import COMMON, InstallationStd
+from strainsight.sensors.installation import COMMON, COMMON_GAIN, InstallationStd
 
 SOURCE = {
     "along": "position",
@@ -45,6 +45,7 @@ SOURCE = {
     "tilt_along": "angle",
     "tilt_across": "angle",
     "gain": "gain",
+    COMMON_GAIN: "common gain",
     "transverse": "transverse sensitivity",
     "along_twice": "position",
     "across_twice": "position",
@@ -266,7 +267,7 @@ def build_considered(
     for name, rows in tolerated.slope.items():
         sensed, fed = read(rows)
         unreduced = (tolerated.sign[:, None] * tolerated.unreduced[name][:, errors])[grids] * ~accelerated[:, None]
-        owner = tolerated.gauge[grids] if name in COMMON else np.arange(len(grids))
+        owner = tolerated.gauge[grids] if name in COMMON else np.arange(len(grids)) * (name != COMMON_GAIN)
         for each in np.unique(owner):
             part = owner == each
             if sensed[part].any():

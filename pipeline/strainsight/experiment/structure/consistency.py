@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.config.estimate import Channel, DelayInSeconds
 from strainsight.estimation.conditional import ConsideredParameters
 from strainsight.estimation.decision import INCONSISTENT
-from strainsight.estimation.fault_evidence import CheckRecord, ShiftedMode
+from strainsight.estimation.fault_evidence import CheckRecord
 from strainsight.estimation.faults import ANGLES, MARGIN, Explained, Fault, at_limit
 from strainsight.estimation.load_faults import ResidualPattern
 from strainsight.estimation.model import FilterModel
@@ -163,16 +163,22 @@ def check_consistency(
     )
     if not finding.inconsistent:
         return ConsistencyResult("", "", by_channel)
-    ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains the inconsistency"
+    ratio, alone = (
+        finding.as_it_is.ratio,
+        "no single fault of a channel, a known load or the model explains the inconsistency",
+    )
     if named:
         text = f": {named}"
     elif candidates:
         text = (
-            f". Several faults explain this equally well: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}. Inspect the "
-            f"gauges on the structure to find the actual fault ({channels})"
+            f". Several causes explain this equally well: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}. Inspect the "
+            f"gauges on the structure to find the actual cause ({channels})"
         )
     elif finding.shifted is not None:
-        text = f"; {alone}: {_shift_in_words(problem, finding.shifted)}"
+        mode, lam = finding.shifted.mode, modal_basis(problem.model, problem.model.reference)[0]
+        shift = _shift_in_words(mode, float(np.sqrt(lam[mode])) / (2 * np.pi), finding.shifted.factor)
+        size = f"a difference of {finding.shifted.size:.2g} σ of tolerances.frequency"
+        text = f"; {alone}: {shift}, {size}. {CHECK_MODE.capitalize()}"
     elif finding.pattern is not None:
         text = f"; {alone}: {_pattern_in_words(finding.pattern, test.labels)}"
     else:
@@ -220,12 +226,36 @@ class FaultInWords:
         """Return the fault, and what to check with the key that corrects it."""
         fault, record = explanation.fault, self.test.record
         assert fault is not None
+        if fault.of_model:
+            return self._of_model(fault)
         what, remedy = self._of_kind(fault, explanation.amount, explanation.std)
         source = record.inputs if fault.of_load else record.channels
         if record.section != "estimate" and not source.startswith(record.section):
             key = f"{record.section}.{source.split('.')[-1]}"
             remedy += f" (to correct only this record, copy the config section {source} to {key} and change the copy)"
         return what, remedy
+
+    def _of_model(self, fault: Fault) -> tuple[str, str]:
+        """Return an error of the model, and what to check."""
+        rom = self.stretch.model.model
+        if fault.kind == "frequency":
+            modelled = float(np.sqrt(modal_basis(rom, rom.reference)[0][fault.channel])) / (2 * np.pi)
+            return _shift_in_words(fault.channel, modelled, fault.amount), CHECK_MODE
+        if fault.kind == "mass":
+            name = rom.inputs[fault.channel]
+            what = f"a mass of {fault.amount:.2g} kg at the load {name} is missing in the model"
+            return what, "add the masses of sensors and fixtures to the mesh file"
+        if fault.kind == "damping":
+            what = f"the damping ratios are about {fault.amount:.2g} times those of the model"
+            return what, "correct `damping`, or increase tolerances.damping"
+        if fault.kind == "direction":
+            what = "a load has another direction or point of application than in the model"
+            return what, "check direction and point of the loads on the structure, or increase tolerances.load_angle"
+        if fault.kind == "warming":
+            what = "all strain gauges drift together"
+            return what, "compensate the temperature, or set tolerances.temperature"
+        what = "all strain gauges have a common gain error"
+        return what, "check bridge supply and gauge factor of the amplifier, and set `scale` of all channels"
 
     def _of_kind(self, fault: Fault, estimate: float, std: float) -> tuple[str, str]:
         """Return fault and remedy; estimate and std: of an offset or drift."""
@@ -339,15 +369,12 @@ def _delay_in_words(entry: Channel, n: int, seconds: float) -> str:
     return f"{{samples: {n + (0 if entry.delay is None else entry.delay.samples)}}}"
 
 
-def _shift_in_words(problem: Problem, shifted: ShiftedMode) -> str:
-    """Describe a mode whose measured frequency differs from the model."""
-    lam, _ = modal_basis(problem.model, problem.model.reference)
-    modelled = float(np.sqrt(lam[shifted.mode])) / (2 * np.pi)
-    return (
-        f"mode {shifted.mode + 1} is measured at {shifted.factor * modelled:.4g} Hz and modelled at {modelled:.4g} Hz, a "
-        f"difference of {shifted.size:.2g} σ of tolerances.frequency. Check masses, supports and joints, or measure the "
-        "frequency and correct the model"
-    )
+CHECK_MODE = "check masses, supports and joints, or measure the frequency and correct the model"
+
+
+def _shift_in_words(mode: int, modelled: float, factor: float) -> str:
+    """Describe a mode whose measured frequency differs from the model [Hz]."""
+    return f"mode {mode + 1} is measured at {factor * modelled:.4g} Hz and modelled at {modelled:.4g} Hz"
 
 
 def _pattern_in_words(pattern: ResidualPattern, labels: Sequence[str]) -> str:

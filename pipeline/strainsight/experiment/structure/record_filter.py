@@ -97,6 +97,10 @@ class RecordFilter:
         """σ (m,) of the noise of a sample."""
         return np.asarray(np.sqrt(self.model.noise.reshape(-1, len(self.test.labels)).mean(axis=0)))
 
+    def with_wider_frequencies(self, factor: float) -> RecordFilter:
+        """The filter with the tolerance of the natural frequencies multiplied by a factor."""
+        return replace(self, tolerances=replace(self.tolerances, frequency=factor * self.tolerances.frequency))
+
     def of_channels(self, which: np.ndarray) -> RecordFilter:
         """Restrict the filter to some channels (k,)."""
         return replace(self, model=self.model.of_channels(which), test=self.test.of_channels(which))

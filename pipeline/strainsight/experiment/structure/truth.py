@@ -127,6 +127,7 @@ def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
         ("position", 1e3, "position {:g} mm per axis", moved and settings.gauge_offset is None),
         ("angle", 1, "angle {:g}°", moved and settings.gauge_rotation is None),
         ("gain", 100, "gain {:g} %", True),
+        ("common_gain", 100, "common gain {:g} %", True),
         ("transverse", 100, "transverse sensitivity {:g} %", moved),
         ("offset", 1e6, "offset {:g} µm/m", True),
         ("drift", 1e6, "drift {:g} µm/m", True),

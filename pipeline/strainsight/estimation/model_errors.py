@@ -1,0 +1,124 @@
+"""Errors of the model that may explain inconsistent measurements. They are compared by evidence with faults of sensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from strainsight.estimation.conditional import ConsideredParameters
+from strainsight.estimation.faults import Fault
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.record import GridRecord
+from strainsight.rom.model import ReducedModel, modal_basis
+
+R = TypeVar("R", bound=GridRecord)
+
+STEPS = {"frequency": 0.02, "mass": 0.02, "damping": 2.0}
+"""First step of the search: change of a frequency, of the first frequency by an added mass, and factor on damping ratios."""
+WIDER = 10.0
+"""Factor on the tolerances of direction and point of a load."""
+GAIN = 0.2
+"""Prior σ of a gain common to all strain gauges."""
+
+
+def model_errors(model: FilterModel, considered: ConsideredParameters) -> list[Fault]:
+    """First errors to try: frequencies of the modes that the channels measure, masses at the loads, damping, and direction and
+    point of the loads, drift and gain of all gauges."""
+    rows, rom = considered.frequency, model.model
+    modes = np.flatnonzero(rows[1:].any(axis=0)) if len(rows) > 1 else np.zeros(0, dtype=int)
+    step = STEPS["frequency"]
+    errors = [Fault("frequency", int(j), factor) for j in modes for factor in (1 - step, 1 + step)]
+    errors += [Fault("mass", i, mass) for i in range(len(rom.inputs)) if (mass := _mass(rom, i)) > 0]
+    errors += [Fault("damping", 0, factor) for factor in (1 / STEPS["damping"], STEPS["damping"])]
+    errors += [Fault("direction", 0)] * bool(len(considered.shape))
+    return [*errors, Fault("warming", 0), Fault("gain", 0)]
+
+
+def _mass(model: ReducedModel, load: int) -> float:
+    """Mass [kg] at a load that lowers the first frequency by the first step; 0 if it hardly does."""
+    _, phi = modal_basis(model, model.reference)
+    moved = float((phi[:, 0] @ model.input_shape[:, load]) ** 2)
+    all_modes = float(np.max((phi.T @ model.input_shape[:, load]) ** 2))
+    return ((1 - STEPS["mass"]) ** -2 - 1) / moved if moved > 1e-6 * all_modes else 0.0
+
+
+def further(fault: Fault) -> Fault | None:
+    """The same error one step larger; None for errors without a size."""
+    if fault.kind == "frequency":
+        return replace(fault, amount=fault.amount + np.sign(fault.amount - 1) * STEPS["frequency"])
+    if fault.kind == "mass":
+        return replace(fault, amount=2 * fault.amount)
+    return replace(fault, amount=fault.amount**2) if fault.kind == "damping" else None
+
+
+def between(first: Fault, second: Fault) -> Fault:
+    """The error halfway between two sizes."""
+    return replace(first, amount=(first.amount + second.amount) / 2)
+
+
+def apply_model_error(record: R, fault: Fault) -> R:
+    """The record with a model that has this error:
+
+    frequency of mode j times f     M + (f⁻² − 1) Mφⱼφⱼᵀ M
+    mass m at a load                M + m s sᵀ,   s the input shape of the load
+    damping                         ratios times the factor
+    direction                       tolerances of direction and point of the loads times WIDER
+    warming, gain                   one more considered constant, common to all strain gauges
+    """
+    model, considered = record.model, record.considered
+    rom = model.model
+    if fault.kind == "damping":
+        return replace(record, model=replace(model, model=replace(rom, damping=rom.damping.scaled(fault.amount))))
+    if fault.kind in ("frequency", "mass"):
+        if fault.kind == "frequency":
+            _, phi = modal_basis(rom, rom.reference)
+            s = rom.mass.at(rom.reference) @ phi[:, fault.channel]
+            added = (fault.amount**-2 - 1) * np.outer(s, s)
+        else:
+            s = rom.input_shape[:, fault.channel]
+            added = fault.amount * np.outer(s, s)
+        mass = replace(rom.mass, constant=rom.mass.constant + added)
+        return replace(record, model=replace(model, model=replace(rom, mass=mass)))
+    if fault.kind == "direction":
+        return replace(record, considered=_wider_loads(considered))
+    straining = np.ones(record.samples.shape[1]) if model.accelerometers is None else ~model.accelerometers * 1.0
+    if fault.kind == "gain":
+        rows = GAIN * straining[:, None] * model.rows_at(model.unknowns.guess)[..., : model.parameter_states.start]
+        return replace(record, considered=add_constant(considered, fault.kind, record.known, rows=rows))
+    largest = float(np.sqrt(np.nanmax(np.nanmean(record.samples**2, axis=0))))
+    return replace(record, considered=add_constant(considered, fault.kind, record.known, drift=largest * straining))
+
+
+def _wider_loads(considered: ConsideredParameters) -> ConsideredParameters:
+    count = len(considered.shape)
+    D, E, offset = considered.D.copy(), considered.E.copy(), considered.offset.copy()
+    for rows in (D, E, offset):
+        rows[:count] *= WIDER
+    B = None if considered.B is None else considered.B * WIDER
+    return replace(considered, D=D, E=E, offset=offset, B=B, shape=considered.shape * WIDER)
+
+
+def add_constant(
+    considered: ConsideredParameters,
+    source: str,
+    known: np.ndarray,
+    rows: np.ndarray | None = None,
+    offset: np.ndarray | None = None,
+    drift: np.ndarray | None = None,
+) -> ConsideredParameters:
+    """Add one considered constant. known (T, HOLD, n_known): the known loads. Per unit of the constant: rows (m, n) on the
+    states, offset (m,) of the readings, drift (m,) of the readings over the samples."""
+    (_, m, n), loads = considered.D.shape, known.shape[-1]
+    E = np.pad(considered.E, [(0, 1), (0, 0), (0, int(drift is not None and considered.E.shape[-1] == loads))])
+    if drift is not None:
+        E[-1, :, -1] = drift
+    return replace(
+        considered,
+        source=(*considered.source, source),
+        D=np.concatenate([considered.D, np.zeros((1, m, n)) if rows is None else rows.reshape(1, m, n)]),
+        E=E,
+        offset=np.concatenate([considered.offset, np.zeros((1, m)) if offset is None else offset[None]]),
+        B=None if considered.B is None else np.pad(considered.B, [(0, 1), (0, 0), (0, 0)]),
+    )
