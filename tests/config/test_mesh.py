@@ -162,7 +162,7 @@ def test_load_case_without_overrides_equals_configured_loads():
         ("{a: {loads: {tip: {signal: {type: multisine, lowest: 9, highest: 3, count: 2, amplitude: 1}}}}}",
          "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "exchange the values of `lowest`"),
         ("{a: {loads: {side: none, tip: {signal: {type: sine, frequency: 1, amplitude: 1}}}, time_step: 0.01}, b: {}}",
-         "place.load_cases.a.loads.side", "the period at 30 Hz is 3.33 times the time step of load", "or reduce the time step"),
+         "place.load_cases.a.loads.side", "30 Hz is 3.33 times the time step place.load_cases.a.time_step", "or reduce place"),
         ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "use"),
     ],
 )  # fmt: skip
@@ -180,7 +180,7 @@ def test_time_step_of_case_resolves_process_noise():
     slow = "{type: sine, frequency: 1, amplitude: 1}"
     cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
     assert loaded(cases)["a"].time_step == 0.01
-    words = r"40 Hz is 2\.5 times the time step of load case 'a'"
+    words = r"40 Hz is 2\.5 times the time step place\.load_cases\.a\.time_step"
     with expect_refusal(ConfigError, words, key="loads.side.process_noise.frequency"):
         loaded(cases, "loads.side.process_noise.frequency=40")
 
@@ -245,10 +245,10 @@ def test_user_defined_gauge_type_may_replace_catalogue_type(load_typed):
     ("overrides", "said"),
     [
         (["gauges.type=3/530"], r"gauges\.type: unknown gauge type '3/530' +did you mean 3/350"),
-        (["gauges.type=3/350-rosette"], r"gauges\.type: gauge type 3/350-rosette has 3 grids, but each gauge"),
+        (["gauges.type=3/350-rosette"], r"gauges\.type: gauge type 3/350-rosette has 3 measuring grids, but each gauge"),
         (
             ["gauges.type=3/350", "gauges.rosette=true", "gauges.direction={type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}"],
-            r"gauge type 3/350 has 1 grid, but each gauge of the config has 3 +set gauges.type to 3/350-rosette",
+            r"gauge type 3/350 has 1 measuring grid, but each gauge of the config needs 3 +set gauges.type to 3/350-rosette",
         ),
     ],
 )

@@ -154,7 +154,7 @@ def refused(name: str, override: str | Override) -> list[ConfigError]:
 @pytest.mark.parametrize(
     ("zone", "key", "what", "remedy"),
     [
-        ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "is a mapping, but has to be a list", BOX),
+        ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "the value is a mapping, but has to be a list", BOX),
         ("{box: [[0, 0, 0], [1, 1, 1]], at: 1}", ".at", "unknown key", "known keys: box"),
         ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing",
          "axis: Direction of the axis of the cylinder [-]."),
@@ -260,8 +260,8 @@ ARMS = "gauges.fixed[0].arms"
     [
         ([one()], ARMS, "the bridge has 0 arms", "use two to four arms"),
         ([one(UP + "}")], ARMS, "the bridge has 1 arm", "for a single gauge, set `position` and `direction`"),
-        ([one(UP + "}", UP + "}", DOWN + "}")], ARMS, "the bridge has 3 arms with the sign 1", "at most two arms of each sign"),
-        ([one(UP + ", sign: -1}", DOWN + ", sign: -1}")], ARMS, "no arm with the sign 1", "`sign: -1` for the channel"),
+        ([one(UP + "}", UP + "}", DOWN + "}")], ARMS, "3 arms of the bridge have the sign 1", "at most two arms of each sign"),
+        ([one(UP + ", sign: -1}", DOWN + ", sign: -1}")], ARMS, "no arm of the bridge has the", "`sign: -1` for the channel"),
         ([one(UP + ", sign: 2}", DOWN + "}")], f"{ARMS}[0].sign", "2 is not one of 1, -1", "Sign of the arm"),
         (["gauges.bridge=half-bendng"], "gauges.bridge", "'half-bendng' is not one of half-bending, full-bending", ""),
         (["gauges.bridge=full-torsion", "gauges.rosette=true", "gauges.direction.angles=[0, 90]"],

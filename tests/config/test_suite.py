@@ -198,13 +198,13 @@ def test_page_lists_varied_key_and_location_of_results(write):
 
 MISTAKES = {
     SUITE: [
-        ("runs:", "runs: []\nrest:", "runs", "has to be at least 1 entry long"),
+        ("runs:", "runs: []\nrest:", "runs", "has to be a list of at least 1 entry"),
         ("suffix: -short", "suffix: a b", "suffix", "is not a valid name"),
         ("{place.keep: 5}", "{place..keep: 5}", "runs[0].set.place..keep", "is not a dotted key"),
         ("{place.keep: 5}", "{name: other}", "runs[0].set.name", "cannot set 'name'"),
         ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite"),
         ("name: watched", "name: cantilever-youngs-modulus", "runs[1].name", "name of runs[0]"),
-        ("name: all", "name: watched-short", "runs[1].name", "name of the suite itself"),
+        ("name: all", "name: watched-short", "runs[1].name", "name of the suite"),
         ("title: Two runs", 'title: "Two \\e[31mruns"', "title", "control character U+001B"),
         ("label: E, only observed", 'label: "a\\0b"', "runs[1].label", "control character U+0000"),
         *(

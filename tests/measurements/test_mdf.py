@@ -85,7 +85,7 @@ def test_text_is_refused(tmp_path):
     relay = signal("relay", (B > 0).astype("u1"), conversion=states)
     path = mdf(tmp_path / "a.mf4", ("rig", [relay, signal("note", np.array([b"ok"] * COUNT), encoding="utf-8")]))
     for name in ("relay", "note"):
-        with pytest.raises(UserError, match=f"'{name}' contains text instead of numbers"):
+        with pytest.raises(UserError, match=f"'{name}'.* text instead of numbers"):
             read(path, [name])
 
 
@@ -159,7 +159,7 @@ def test_table_with_unused_text_is_converted(tmp_path):
     rule = {"val_0": 255.0, "text_0": b"sensor error", "default_addr": line}
     np.testing.assert_allclose(converted(tmp_path, rule, RAW.astype("u1")), 0.5 * RAW + 3)
     spoiled = np.where(RAW == 7, 255, RAW).astype("u1")
-    with pytest.raises(UserError, match="contains text instead of numbers"):
+    with pytest.raises(UserError, match="the values are text instead of numbers"):
         converted(tmp_path, rule, spoiled)
     bad = spoiled == 255
     np.testing.assert_allclose(
@@ -174,15 +174,15 @@ def test_table_with_unused_text_is_converted(tmp_path):
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
-        (table("phys", [5.0, 5.0, 20.0], [1.0, 2.0, 3.0]) | {"interpolation": True}, "raw values that do not increase"),
-        (ranges([(0, 9, 1.0), (5, 19, 2.0)], "phys", default=0.0), "ranges that overlap"),
-        ({"formula": "X1*foo"}, "the conversion formula 'X1\\*foo', which cannot be evaluated: 'foo' is neither"),
+        (table("phys", [5.0, 5.0, 20.0], [1.0, 2.0, 3.0]) | {"interpolation": True}, "raw values in the conversion table do not"),
+        (ranges([(0, 9, 1.0), (5, 19, 2.0)], "phys", default=0.0), "the ranges in the conversion table overlap"),
+        ({"formula": "X1*foo"}, "the conversion formula 'X1\\*foo' cannot be evaluated: 'foo' is neither"),
         ({"formula": "1/X1"}, "no physical value at sample 1: the conversion '1/X1' of the raw value 0 yields inf"),
         (dict.fromkeys(P, 0.0), "no physical value at sample 1: the conversion rule of the raw value 0 yields nan"),
     ],
 )
 def test_conversion_without_value_is_refused(tmp_path, rule, message):
-    with expect_refusal(UserError, f"'G1' has .*{message}", remedy=""):
+    with expect_refusal(UserError, f"'G1'.*{message}", remedy=""):
         converted(tmp_path, rule)
 
 
@@ -196,7 +196,7 @@ def test_damaged_conversion_is_refused(tmp_path):
         read_binary("mdf", path, ["G1"], sandboxed=False)
 
 
-@pytest.mark.parametrize(("code", "name"), [(7, "exponential"), (8, "logarithmic"), (99, "of type 99")])
+@pytest.mark.parametrize(("code", "name"), [(7, "exponential"), (8, "logarithmic"), (99, "type 99")])
 def test_ambiguous_conversion_is_refused(tmp_path, code, name):
     path = mdf(tmp_path / "a.mdf", ("rig", [signal("G1", A, conversion=P)]), version="3.30")
     content = bytearray(path.read_bytes())
@@ -206,5 +206,5 @@ def test_ambiguous_conversion_is_refused(tmp_path, code, name):
     content[at + 42 : at + 44] = code.to_bytes(2, "little")
     content[at + 2 : at + 4] = (46 + 56).to_bytes(2, "little")
     path.write_bytes(content)
-    with pytest.raises(UserError, match=f"'G1' has an unsupported conversion rule, {name}"):
+    with pytest.raises(UserError, match=f"'G1': the conversion rule is not supported: {name}"):
         read_binary("mdf", path, ["G1"], sandboxed=False)

@@ -97,7 +97,7 @@ def test_the_filter_is_given_the_components_of_the_layout(bench, place):
     [
         ("place", "place.sensors={gauges: {noise: 1.0}}", "only displacement sensors and accelerometers can be candidates"),
         ("estimate", "place.sensors={}", "sensor is not one of the candidates in place.sensors"),
-        ("place", "estimate.disturbance=0.1", "to 0, or remove 'felt' from place.sensors"),
+        ("place", "estimate.disturbance=0.1", ": 0, or remove 'felt' from place.sensors"),
     ],
 )
 def test_what_cannot_be_a_candidate_is_refused(stage, change, says):

@@ -164,9 +164,9 @@ ONE_SMOOTH = "estimate.inputs={side: {std: 100.0, model: matern}, again: {std: 1
         (RIG, "estimate.inputs={side: {std: 100.0, model: matern, increment: 1.0}}",
          ("has no effect with model: matern",)),
         (FELT, "estimate.disturbance=1.0e-3",
-         ("not possible with accelerometer 'felt'",
-          "set estimate.sensors.felt.noise to √(noise² + e²), "
-          "e = standard deviation of the acceleration error of the bench model [m/s²]")),
+         ("white noise, which accelerometer 'felt' cannot measure at an instant",
+          "and increase estimate.sensors.felt.noise to √(noise² + e²), "
+          "where e [m/s²] is the standard deviation of the acceleration error of the bench model")),
         (FELT, "estimate.sensors={hinge: {noise: 1.0}}", ("the sensor is for the simulation only",)),
         (FELT, "estimate.sensors={gauges: {noise: 1.0e-6, bias: [1.0e-6, 2.0e-6]}}",
          ("estimate.sensors.gauges.bias: the list length is 2, but the number of sensor components is 3",)),

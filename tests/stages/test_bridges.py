@@ -102,7 +102,7 @@ def test_bridges_come_back_from_the_file_of_their_layout_as_they_were(project):
     ("change", "what"),
     [
         ({"sign": ""}, "have no sign"),
-        ({"sign": "2"}, "an arm with the sign 2"),
+        ({"sign": "2"}, "an arm of the bridge has the sign 2"),
         ({"gauge": "alone"}, "1 arm"),
     ],
 )

@@ -42,8 +42,8 @@ CONFIG = {
         "test.yaml:13:10  damping: the comma before '01' separates two entries",
         "decimal point, as in 0.01",
     ),
-    "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: is '0.4 s'", "and without"),
-    "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: is 'no'", "rite false"),
+    "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: the value is '0.4 s'", "and without"),
+    "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: the value is 'no'", "rite false"),
     "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "the first key is at 4:1"),
     "a coarse step": (
         [("time_step: 1.0e-3}", "time_step: 1.0e-2}")],

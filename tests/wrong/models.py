@@ -85,7 +85,7 @@ UNITS = {
         {"mesh": ", faces: {f: {near: [400, 50, 50]}}", "load": "set: f, direction: [1, 0, 0]"},
         "405.8 m away from a part that is only 0.4243 m long",
     ),
-    "damping in per cent": (bar(), {"ratio": "2.0"}, "damping.ratio: is 2.0, but has to be below 1"),
+    "damping in per cent": (bar(), {"ratio": "2.0"}, "damping.ratio: the value is 2.0, but has to be below 1"),
 }
 MATERIALS = {
     "no modulus": (bar(**steel(E="")), {}, "defines only NU"),

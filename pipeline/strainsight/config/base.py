@@ -157,7 +157,7 @@ class Plausible:
     def interval(self) -> str:
         """`0.0005 to 0.2 m`, or `up to 360 deg`"""
         unit = "" if self.unit == "-" else f" {self.unit}"
-        return f"{self.low:g} to {self.high:g}{unit}" if self.low else f"up to {self.high:g}{unit}"
+        return f"{f'{self.low:g}' if self.low else 'up'} to {self.high:g}{unit}"
 
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
         return handler(core) | {"plausible": self.interval()}
@@ -194,9 +194,9 @@ class Unbounded:
 
 Marker = Plausible | PlausibleBy | Unbounded
 
-PRICE = Unbounded("prices have no plausible range: any currency")
-READING = Unbounded("readings have no plausible range: their unit is the unit of the measurement file")
-COMPARED = Unbounded("limits and factors of compared results have no plausible range: any unit")
+PRICE = Unbounded("any currency")
+READING = Unbounded("any unit")
+COMPARED = Unbounded("any unit")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
@@ -216,7 +216,7 @@ STIFFNESS = Plausible(1e-6, 1e15, "N/m or N m/rad")
 VISCOUS = Plausible(1e-9, 1e12, "N s/m or N m s/rad")
 FORCE = Plausible(0.0, 1e9, "N")
 MOMENT = Plausible(0.0, 1e10, "N m")
-DRIVEN = Plausible(0.0, 1e10, "N or N m; for a drive: rad, m, rad/s or m/s")
+DRIVEN = Plausible(0.0, 1e10, "N, N m, rad, m, rad/s or m/s")
 STRAIN = Plausible(1e-9, 1e-2, "strain")
 STRAIN_RANGE = Plausible(1e-5, 0.5, "strain")
 NOISE = Plausible(1e-12, 1e3, "strain, m, m/s² or rad")
@@ -249,7 +249,7 @@ def implausible(config: BaseModel, extent: float = inf) -> Iterator[Problem]:
 
 
 def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterator[Problem]:
-    size, unit = abs(value), "" if re.search("^-| or |^in ", limits.unit) else f" {limits.unit}"
+    size, unit = abs(value), "" if re.search("^-| or ", limits.unit) else f" {limits.unit}"
     if value != 0 and not limits.low <= size <= limits.high:
         others = UNITS.get(limits.unit, {}).items()
         meant = (
@@ -261,7 +261,7 @@ def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterat
         yield Problem(key, what, next(meant, "check the value and its unit"))
     elif size > limits.share * extent:
         share = "" if limits.share == 1 else f"{limits.share:g} times "
-        what = f"{value:g} m is larger than {share}the size of the structure, {extent:.4g} m"
+        what = f"the length of {value:g} m is larger than {share}the size of the structure, {extent:.4g} m"
         remedy = f"use a length in m, at most {limits.share * extent:.2g}, or check the key `length_unit` of the mesh"
         yield Problem(key, what, remedy)
 
@@ -272,14 +272,14 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)
 RunName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
 """Name of a run: its folder in the results folder."""
 
-Id = Annotated[int, Unbounded("ids of nodes, regions, node sets and element sets have no plausible range")]
+Id = Annotated[int, Unbounded("any id")]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Count = Annotated[int, Field(ge=1), Plausible(1, 10_000)]
 Text = Annotated[str, Field(min_length=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector = tuple[float, float, float]
-DIRECTION = Unbounded("direction vectors have no plausible range: their length is not used")
+DIRECTION = Unbounded("unused length")
 DirectionVector = Annotated[Vector, DIRECTION]
 """A vector of nonzero length (checked by `section_problems`)."""
 Point = Annotated[Vector, Plausible(0.0, 1e4, "m")]
@@ -287,7 +287,7 @@ Size = Annotated[Positive, SIZE]
 TimeStep = Annotated[Positive, Plausible(1e-7, 10.0, "s")]
 Duration = Annotated[Positive, DURATION]
 Frequency = Annotated[Positive, FREQUENCY]
-Amplitude = Annotated[Positive, Plausible(1e-6, 1e10, "in the unit of the load")]
+Amplitude = Annotated[Positive, Plausible(1e-6, 1e10, "N, N m, Pa, m/s², rad²/s² or 1")]
 YoungsModulus = Annotated[Positive, MODULUS]
 Stress = Annotated[Positive, Plausible(1e5, 1e10, "Pa")]
 Cycles = Annotated[Positive, Plausible(1.0, 1e12)]
@@ -295,7 +295,7 @@ ParameterValue = Annotated[Positive, PARAMETER]
 
 
 class Section(BaseModel):
-    """Base of the sections of a config: immutable; unknown keys, values of another type and NaN are errors."""
+    """Common rules of all sections of a config: unknown keys, values of another type and NaN are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 

@@ -64,7 +64,8 @@ def _time(section: str, duration: float, step: float, signals: Mapping[str, Load
 def _settle(section: str, settle: Settle, step: float) -> Iterator[Problem]:
     if isinstance(settle, float) and settle / step > MOST_STEPS:
         what = (
-            f"{settle:g} s are {settle / step:.3g} times the time step of {step:g} s; the maximum is {MOST_STEPS:.0e}"
+            f"the settling time of {settle:g} s is {settle / step:.3g} times the time step of {step:g} s; the maximum is "
+            f"{MOST_STEPS:.0e}"
         )
         yield Problem(f"{section}.settle", what, f"use at most {at_most(MOST_STEPS * step)} s, or set settle: auto")
 
@@ -92,7 +93,7 @@ def _load_cases(config: PlacementConfig) -> Iterator[Problem]:
                 frequencies[f"{key}.loads.{load_name}"] = (
                     highest  # silent, it has the process noise that it has as stated
                 )
-        yield from _resolved(frequencies, step, f"the time step of load case '{name}'")
+        yield from _resolved(frequencies, step, "train.time_step" if case.time_step is None else f"{key}.time_step")
 
 
 def _highest(signal: LoadSignal) -> float | None:
@@ -153,12 +154,14 @@ def _fast(config: PlacementConfig) -> Iterator[Problem]:
     yield from _resolved(frequencies, step, "train.time_step")
 
 
-def _resolved(frequencies: Mapping[str, float], step: float, of: str) -> Iterator[Problem]:
-    """Yield a problem for each frequency [Hz] that a step [s] does not resolve; of: name of the step."""
+def _resolved(frequencies: Mapping[str, float], step: float, step_key: str) -> Iterator[Problem]:
+    """Yield a problem for each frequency [Hz] that a step [s] does not resolve; step_key: key of the step."""
     for key, frequency in frequencies.items():
         if step * frequency * FEWEST_STEPS_A_PERIOD > 1 + 1e-9:
-            ratio = f"{1 / (step * frequency):.3g} times {of}; the minimum is {FEWEST_STEPS_A_PERIOD}"
-            remedy = f"use at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or reduce {of}"
+            ratio = (
+                f"{1 / (step * frequency):.3g} times the time step {step_key}; the minimum is {FEWEST_STEPS_A_PERIOD}"
+            )
+            remedy = f"use at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or reduce {step_key}"
             yield Problem(key, f"the period at {frequency:g} Hz is {ratio}", remedy)
 
 

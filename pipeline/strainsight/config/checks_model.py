@@ -259,11 +259,11 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
         yield Problem("gauges.noise_std.value", what, f"set the noise in m/m: {value:g} um/m is {1e-6 * value:.1e} m/m")
     grids = 0 if gauges.direction is None or not gauges.rosette else len(gauges.direction.angles)
     if grids == 1:
-        what = "a rosette needs two or three grids, but gauges.direction.angles has one angle"
+        what = "a rosette needs two or three measuring grids, but gauges.direction.angles has one angle"
         remedy = "set gauges.direction.angles, such as [0, 45, 90], or remove gauges.rosette"
         yield Problem("gauges.rosette", what, remedy)
     if grids > LARGEST_ROSETTE:
-        what = f"a rosette with {grids} grids is not supported"
+        what = f"a rosette with {grids} measuring grids is not supported"
         yield Problem("gauges.direction.angles", what, "use at most three angles, or remove gauges.rosette")
     if gauges.direction is not None:
         yield from type_problems(gauges, len(gauges.direction.angles) if gauges.rosette else 1)

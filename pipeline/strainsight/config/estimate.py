@@ -331,7 +331,7 @@ class RecordOfTest(Section):
     """One of several records of a test: its file, and keys that differ from the section `estimate`."""
 
     name: RunName = Field(description="Name of the record in tables, pages and file names: letters, digits, - and _.")
-    file: Text = Field(description="Measurement file of this record, in a format of estimate.file.")
+    file: Text = Field(description="Measurement file of this record, in one of the formats of estimate.file.")
     date: Text | None = Field(None, description="Date of the test; null: estimate.date.")
     format: FileFormat | None = Field(None, description="File format; null: estimate.format.")
     text: TextForm | None = expert(None, description="Format of a CSV file; null: estimate.text.")

@@ -138,9 +138,8 @@ def type_gain(kind: GaugeType) -> float:
     return float(round((kind.gauge_factor_tolerance**2 + (LEADS / kind.resistance) ** 2) ** 0.5, 6))
 
 
-def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
-    """Yield a problem if the type is unknown, or if its number of grids differs from that of the gauges; rosette: grids of a
-    gauge."""
+def type_problems(gauges: Typed, required: int) -> Iterator[Problem]:
+    """Yield a problem if the type is unknown, or if its number of grids differs from the required number."""
     if gauges.type is None:
         return
     known = {**CATALOGUE, **gauges.types}
@@ -149,17 +148,18 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
             gauges.type, known, f"known types: {', '.join(known)}; define other types under gauges.types"
         )
         yield Problem("gauges.type", f"unknown gauge type '{gauges.type}'", remedy)
-    elif (grids := known[gauges.type].grids) != rosette:
+    elif (grids := known[gauges.type].grids) != required:
         what = (
-            f"gauge type {gauges.type} has {grids} grid{'s' * (grids > 1)}, but each gauge of the config has {rosette}"
+            f"gauge type {gauges.type} has {grids} measuring grid{'s' * (grids > 1)}, "
+            f"but each gauge of the config needs {required}"
         )
-        fitting = [name for name, kind in known.items() if kind.grids == rosette]
+        fitting = [name for name, kind in known.items() if kind.grids == required]
         remedy = (
             f"set gauges.type to {' or '.join(fitting)}"
             if fitting
-            else f"define a type with `grids: {rosette}` in gauges.types"
+            else f"define a type with `grids: {required}` in gauges.types"
         )
-        yield Problem("gauges.type", what, remedy + "; for a rosette, set gauges.rosette: true" * (rosette == 1))
+        yield Problem("gauges.type", what, remedy + "; for a rosette, set gauges.rosette: true" * (required == 1))
 
 
 def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -324,20 +324,25 @@ class BridgeArm(BondedGrid):
 
 def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
     """Fault of a bridge with these arm signs and its remedy, or None."""
-    count = f"{len(signs)} arm{'s' * (len(signs) != 1)}"
     if len(signs) < 2:
-        return count, "use two to four arms; for a single gauge, set `position` and `direction` instead of `arms`"
+        return (
+            f"the bridge has {len(signs)} arm{'s' * (len(signs) != 1)}",
+            "use two to four arms; for a single gauge, set `position` and `direction` instead of `arms`",
+        )
     if not {*signs} <= {1, -1}:
-        return f"an arm with the sign {next(s for s in signs if s not in (1, -1)):g}", "set `sign` to 1 or -1"
+        return (
+            f"an arm of the bridge has the sign {next(s for s in signs if s not in (1, -1)):g}",
+            "set `sign` to 1 or -1",
+        )
     for sign in (1, -1):
         if (equal := list(signs).count(sign)) > 2:
             return (
-                f"{equal} arms with the sign {sign}",
+                f"{equal} arms of the bridge have the sign {sign}",
                 "use at most two arms of each sign: arms 1 and 3 increase the output, arms 2 and 4 reduce it",
             )
     if 1 not in signs:
         return (
-            "no arm with the sign 1",
+            "no arm of the bridge has the sign 1",
             "reverse `sign` of every arm, and set `sign: -1` for the channel in estimate.channels",
         )
     return None
@@ -352,7 +357,7 @@ class BondedBridge(Named):
 
     def problems(self) -> Iterator[Problem]:
         if problem := bridge_problem([arm.sign for arm in self.arms]):
-            yield Problem("arms", f"the bridge has {problem[0]}", problem[1])
+            yield Problem("arms", *problem)
 
 
 NamedGaugeOrBridge = Annotated[

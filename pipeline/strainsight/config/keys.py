@@ -170,7 +170,7 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
     ]
     # A misspelt key is one problem, not an unknown key and a missing one.
     misspelt = {
-        f"{problem.key.rpartition('.')[0]}.{problem.remedy.removeprefix('did you mean ').rstrip('?')}".lstrip(".")
+        f"{problem.key.rpartition('.')[0]}.{problem.remedy.rpartition('mean ')[2].rstrip('?')}".lstrip(".")
         for problem in problems
         if problem.what == UNKNOWN
     }
@@ -242,7 +242,8 @@ def _wrong_value(key: str, entries: list[Any]) -> Problem:
             limit = context.get("min_length", context.get("max_length"))
             one, several = ("character", "characters") if "string" in kind else ("entry", "entries")
             wanted.append(
-                f"{'at least' if 'short' in kind else 'at most'} {limit} {one if limit == 1 else several} long"
+                f"a {'text' if 'string' in kind else 'list'} of {'at least' if 'short' in kind else 'at most'} {limit} "
+                f"{one if limit == 1 else several}"
             )
         else:
             wanted.append(entry["msg"][0].lower() + entry["msg"][1:])
@@ -256,9 +257,9 @@ def _wrong_value(key: str, entries: list[Any]) -> Problem:
         remedy = "write the number without quotes and without unit"
         if comma:
             remedy = f"write the number with a decimal point: {comma[1]}.{comma[2]}"
-    if isinstance(value, str) and wanted == ["true or false"] and value.lower() in YES | NO:
+    if isinstance(value, str) and wanted == [TYPES["bool_type"]] and value.lower() in YES | NO:
         remedy = f"write {'true' if value.lower() in YES else 'false'}"
-    return Problem(key, f"is {_shown(value)}, but has to be {' or '.join(dict.fromkeys(wanted))}", remedy)
+    return Problem(key, f"the value is {_shown(value)}, but has to be {' or '.join(dict.fromkeys(wanted))}", remedy)
 
 
 def _shown(value: Any) -> str:

@@ -38,17 +38,17 @@ class Oscillation(Section):
     """A signal that oscillates about zero."""
 
     amplitude: Amplitude = Field(
-        description="Amplitude a in the unit of the load [N; N m for a moment, Pa for a pressure, m/s² for gravity]. For a "
-        "multisine: amplitude of a single sine with the same RMS value."
+        description="Amplitude of the signal in the unit of the load [N; N m for a moment, Pa for a pressure, m/s² for "
+        "gravity]. For a multisine: amplitude of a single sine with the same RMS value."
     )
 
 
 class SineSection(Oscillation):
-    """A sine: u(t) = a sin(2πft + φ)."""
+    """A sine: u(t) = a sin(2πft + φ) with a = `amplitude`, f = `frequency` and φ = `phase`."""
 
     type: Literal["sine"] = Field(description="Kind of signal: a sine.")
-    frequency: Frequency = Field(description="Frequency f of the sine [Hz].")
-    phase: Annotated[float, TURN] = expert(0.0, description="Phase φ of the sine at t = 0 [rad].")
+    frequency: Frequency = Field(description="Frequency of the sine [Hz].")
+    phase: Annotated[float, TURN] = expert(0.0, description="Phase of the sine at t = 0 [rad].")
 
 
 class SweepSection(Oscillation):
@@ -104,7 +104,7 @@ class TypicalMotion(Section):
 
     frequency: Frequency | None = Field(
         None,
-        description="Typical frequency f of the load [Hz]; the process noise uses ω = 2πf. For `model: matern`: bandwidth of "
+        description="Typical frequency of the load [Hz], used for the process noise. For `model: matern`: bandwidth of "
         "the load. Null: frequency of the signal; in a load case, loads.NAME.process_noise.frequency if set.",
     )
     amplitude: Amplitude | None = expert(
@@ -222,18 +222,23 @@ class LoadSection(Section):
         kind, *others = [name for name in ("gravity", "rotation") if getattr(self, name) is not None]
         rest = (*places, "direction", "moment", "bearing", "pressure", "factor")
         for name in (*others, *(name for name in rest if getattr(self, name) is not None)):
-            yield Problem(name, f"cannot be combined with '{kind}'", f"remove `{name}` or `{kind}`", at_key=True)
+            yield Problem(
+                name, f"`{name}` cannot be combined with `{kind}`", f"remove `{name}` or `{kind}`", at_key=True
+            )
 
     def _in_one_place(self) -> Iterator[Problem]:
         """Check the direction of a force, or the key that replaces it."""
         if self.factor and self.deck_load is None:
             yield Problem(
-                "factor", "applies to a load of the deck only", "remove `factor`, or set `deck_load`", at_key=True
+                "factor",
+                "`factor` applies to a load of the deck only",
+                "remove `factor`, or set `deck_load`",
+                at_key=True,
             )
         kind, *others = [name for name in ("moment", "bearing", "pressure") if getattr(self, name) is not None] or [""]
         if others:
             remedy = f"remove `{others[0]}` or `{kind}`"
-            yield Problem(others[0], f"cannot be combined with '{kind}'", remedy, at_key=True)
+            yield Problem(others[0], f"`{others[0]}` cannot be combined with `{kind}`", remedy, at_key=True)
         if not kind and self.direction is None and self.deck_load is None:
             yield Problem("direction", "missing", "set the direction of the force, such as [0, 0, 1]", at_key=True)
         elif not kind and self.direction is not None and self.deck_load is not None:
@@ -247,15 +252,18 @@ class LoadSection(Section):
             )
             yield Problem(kind, what, f"remove `{kind}` or `deck_load`", at_key=True)
         elif kind and self.direction is not None:
-            subjects = {"moment": "`moment` is the axis", "bearing": "`bearing` is the direction of the force"}
-            what = f"{subjects.get(kind, 'a pressure acts inward')}, so `direction` is not permitted"
+            subjects = {
+                "moment": "`moment` already defines the axis",
+                "bearing": "`bearing` already defines the direction",
+            }
+            what = f"{subjects.get(kind, 'a pressure acts normal to the face')}, so `direction` is not permitted"
             yield Problem(
                 "direction", what, f"remove `direction`, or remove `{kind}` if the load is a force", at_key=True
             )
         if kind in ("bearing", "pressure") and self.set is None:
             yield Problem(
                 kind,
-                "acts on a face, but `set` is missing",
+                f"`{kind}` acts on a face, but `set` is missing",
                 "set `set` to the name of a face in mesh.faces",
                 at_key=True,
             )

@@ -143,15 +143,21 @@ class ElementSection(RegionProperty):
         if self.area is None:
             for name in of_beams:
                 yield Problem(
-                    name, "applies to beams only, but this section has a thickness", f"remove `{name}`", at_key=True
+                    name,
+                    f"`{name}` applies to beams only, but this section has a thickness",
+                    f"remove `{name}`",
+                    at_key=True,
                 )
         elif self.offset:
             yield Problem(
-                "offset", "applies to shells only, but this section has an area", "remove `offset`", at_key=True
+                "offset",
+                "`offset` applies to shells only, but this section has an area",
+                "remove `offset`",
+                at_key=True,
             )
         elif self.second_moments is None:
             for name in (name for name in ("direction", "size") if name in of_beams):
-                what = "applies to beams only, but this section has no second_moments and is a rod"
+                what = f"`{name}` applies to beams only, but this section has no second_moments and is a rod"
                 yield Problem(name, what, f"set `second_moments`, or remove `{name}`", at_key=True)
         else:
             yy, zz, yz = (*self.second_moments, 0.0)[:3]
@@ -273,7 +279,7 @@ class Tie(Section):
 
 class MatrixTerm(Section):
     """One term of the stiffness or mass matrix, from a file: X(θ) = Σ X_i. A term that is proportional
-    to a parameter θ contributes X_i θ/at."""
+    to a parameter θ contributes X_i θ/`at`."""
 
     file: Text = Field(
         description="Matrix file in the units of the deck: OP4 (.op4), Matrix Market (.mtx), NumPy/SciPy (.npz) or CalculiX "
@@ -285,8 +291,8 @@ class MatrixTerm(Section):
     )
     at: ParameterValue | None = Field(
         None,
-        description="Value of `parameter` in the model that wrote the matrix [Pa, kg/m³ or 1]. Null: 1, for a matrix per "
-        "unit of the parameter.",
+        description="Value of `parameter` in the model that wrote the matrix [Pa, kg/m³ or 1]. Null: 1, for a matrix "
+        "written at the parameter value 1.",
     )
 
 

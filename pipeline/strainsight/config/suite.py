@@ -236,7 +236,9 @@ def _lines(texts: Mapping[str, str]) -> Iterator[Problem]:
     for key, text in texts.items():
         if bad := next((c for c in text if unicodedata.category(c) in ("Cc", "Zl", "Zp")), None):
             what = "a line break" if bad in "\n\r\u2028\u2029" else f"the control character U+{ord(bad):04X}"
-            yield Problem(key, f"contains {what}", "write plain text on one line; in YAML, >- joins several lines")
+            yield Problem(
+                key, f"the text contains {what}", "write plain text on one line; in YAML, >- joins several lines"
+            )
 
 
 def _overrides(section: str, overrides: dict[str, JsonValue]) -> Iterator[Problem]:

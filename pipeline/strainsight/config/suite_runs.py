@@ -164,7 +164,7 @@ def _renamed_sources(run: PlannedRun, names: Sequence[str], suffix: str) -> Iter
 
 def _refuse_taken(suite: LoadedConfig, model: SuiteConfig, before: Sequence[PlannedRun], run: PlannedRun) -> None:
     name = run.config.model.name
-    owners = {model.name: "the suite itself"} | {other.config.model.name: f"runs[{other.place}]" for other in before}
+    owners = {model.name: "the suite"} | {other.config.model.name: f"runs[{other.place}]" for other in before}
     if name in owners:
         raise ConfigError(
             f"the run name '{name}' is already the name of {owners[name]}",

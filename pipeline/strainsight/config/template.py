@@ -183,7 +183,7 @@ def _exclude(suggestion: Suggestion, answers: Answers) -> str:
                 f"    # {entry:<27} # other side of the same bores: uncomment this line if this is the contact face\n"
             )
         else:
-            lines += f"    {entry:<29} # ← {place.lies_on}: probable contact face; if not, remove this line\n"
+            lines += f"    {entry:<29} # ← probable contact face ({place.lies_on}); if not, remove this line\n"
     if not lines:
         return cone or EXCLUDE
     return f"{cone}{lines}" if cone else ON_SEATS.format(lines=lines)
@@ -309,7 +309,7 @@ def _load(suggestion: Suggestion, answers: Answers) -> str:
             lines.append("    factor: true                 # the signal is a factor on the load of the deck")
     if place is None or place.kind != "deck_load":
         lines.append(
-            f"    direction: {answers.direction or '':<18} # ← [x, y, z]; or `moment`; on a face `bearing` or `pressure: true`"
+            f"    direction: {answers.direction or '':<18} # ← [x, y, z], or instead key `moment`, `bearing` or `pressure`"
         )
     amplitude = answers.amplitude if answers.amplitude is not None or place is None else place.force
     known = "true: measured by a load cell; false: estimated"

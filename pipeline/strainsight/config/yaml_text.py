@@ -18,15 +18,15 @@ PREFIX = "tag:yaml.org,2002:"
 INTEGER = re.compile(r"[-+]?[0-9]+$")
 REMEDIES = (
     (r"'\\t' that cannot start", "use spaces, not tabs, for indentation and separation"),
-    ("that cannot start any token|undefined alias", "quote the value"),
+    ("token$|undefined", "quote the value"),
     ("expected <block end>, but found '(<block|\\?|-)", "use the same indentation as the neighbouring lines above"),
     (
-        "mapping values are not allowed",
+        "mapping values",
         "use the same indentation as the neighbouring lines above; quote a value that contains ': '",
     ),
-    ("could not find expected ':'", "write KEY: VALUE in the line above, with a space after the colon"),
+    ("find expected ':'", "write KEY: VALUE in the line above, with a space after the colon"),
     (r"expected ',' or '[\]}]'", "close the bracket that was opened above, or separate its entries with commas"),
-    ("unexpected end of stream", "close the quotes that were opened above"),
+    ("unexpected end", "close the quotes that were opened above"),
     ("escape character", "use single quotes; in single quotes, a backslash has no special meaning"),
 )
 """Parser message (a pattern) → remedy; the first match applies."""
@@ -50,7 +50,7 @@ class Document:
 
 
 class YamlProblem(Exception):
-    """Fault of the text, its location (line and column from 1), and its key."""
+    """Fault in the text of a config, with its line and column from 1 and its dotted key."""
 
     def __init__(self, what: str, line: int, column: int, key: str = "", remedy: str = ""):
         super().__init__(what)

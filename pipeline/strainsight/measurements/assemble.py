@@ -61,7 +61,7 @@ def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step
                 notes.extend(more)
         missing = np.isnan(calibrated)
         if missing.any():
-            notes.append(f"{name}: samples are missing ({np.count_nonzero(missing)} of {len(calibrated)})")
+            notes.append(f"{name}: samples are missing ({missing.sum()} of {missing.size})")
             notes.extend(_stretch(name, missing, recording.time))
         notes.extend(done)
         with blame(name):
@@ -88,8 +88,8 @@ def _stretch(name: str, missing: np.ndarray, time: np.ndarray) -> tuple[str, ...
         return ()
     start, end = time[first[longest]], time[behind[longest] - 1]
     return (
-        f"{name}: all samples from {start:.9g} to {end:.9g} s are missing ({count}); in this "
-        "interval only the other channels are used",
+        f"{name}: all {count} samples from {start:.9g} to {end:.9g} s are missing; in this "
+        "interval, only the other channels are used",
     )
 
 
@@ -238,10 +238,10 @@ def _at(t: np.ndarray, index: int) -> str:
 def numbers(values: np.ndarray, name: str, where: str) -> np.ndarray:
     """The samples of a channel as numbers (T,). Raises UserError if they are not finite numbers."""
     if values.dtype.kind not in "iuf" or values.ndim != 1:
-        content = {"O": "text or objects", "S": "text", "U": "text", "M": "dates and times"}.get(values.dtype.kind)
-        description = content or (
-            f"values of shape {values.shape[1:]}" if values.ndim != 1 else f"values of type {values.dtype}"
-        )
+        kind = values.dtype.kind
+        special = "dates and times" if kind == "M" else "text or objects" if kind == "O" else "text"
+        other = f"values of shape {values.shape[1:]}" if values.ndim != 1 else f"values of type {values.dtype}"
+        description = special if kind in "MOSU" else other
         raise UserError(
             f"channel {name!r} contains {description} instead of numbers",
             where=where,

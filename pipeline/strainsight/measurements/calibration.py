@@ -198,7 +198,7 @@ def _mark_missing(recording: Recording, name: str, settings: ChannelSettings, va
             )
         marked |= within
     values[marked] = np.nan
-    return (f"{name}: samples were marked as missing ({marked.sum()} of {len(values)})",) if marked.any() else ()
+    return (f"{name}: samples were marked as missing ({marked.sum()} of {values.size})",) if marked.any() else ()
 
 
 def _check_unit(recording: Recording, name: str, settings: ChannelSettings) -> tuple[str, ...]:

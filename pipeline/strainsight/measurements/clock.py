@@ -86,7 +86,8 @@ def uniform_clock(recording: Recording) -> Clock:
     notes = corrected + tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
     if gaps.size > 10:
         notes += (
-            f"rows without samples were inserted in later gaps (gaps {gaps.size - 10}, rows {np.sum(whole[gaps[10:]] - 1):.0f})",
+            f"rows without samples were also inserted in the later gaps (number of gaps: {gaps.size - 10}, number of rows: "
+            f"{np.sum(whole[gaps[10:]] - 1):.0f})",
         )
     row = np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
     start, step = _fit_line(t, row)
@@ -111,7 +112,9 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
         )
     ppm = 1e6 * (max(ratio, 1 / ratio) / k - 1)
     notes = (
-        (f"the sampling interval differs from the time step {step:g} s of the filter by {abs(ppm):.2g} ppm",)
+        (
+            f"the sampling interval differs from the time step {step:g} s of the filter by {abs(ppm):.2g} ppm (neglected)",
+        )
         if abs(ppm) > 0.1
         else ()
     )
@@ -188,7 +191,8 @@ def _refuse_interval(recording: Recording, i: int, steps: float, step: float, ma
     t = recording.time
     raise UserError(
         f"the time increases by {t[i + 1] - t[i]:.6g} s from {t[i]:.9g} to {t[i + 1]:.9g} s, which is "
-        f"{steps:.4g} steps of {step:.6g} s" + ("; many other intervals are irregular too" if many else ""),
+        f"{steps:.4g} steps of {step:.6g} s instead of a whole number of steps"
+        + ("; many other intervals are irregular too" if many else ""),
         where=recording.place(i + 1),
         remedy=FIXED_RATE if many else "cut the record at this time, or correct the time stamps",
     )

@@ -55,7 +55,7 @@ def declared(path: Path, names: Sequence[str]) -> list[int]:
             largest = max(largest, sizes[-1] if column is None else _read_size(item))
     require_memory(
         AT_ONCE * np.dtype(float).itemsize * (samples or 0) + largest,
-        f"{path}: reading a channel of {samples} samples",
+        f"{path}: not enough memory for a channel of {samples} samples",
         "shorten the record, reduce its sampling rate, or use a computer with more memory",
     )
     return sizes

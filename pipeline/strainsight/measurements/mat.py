@@ -153,7 +153,7 @@ def _find_variable(variables: dict[str, Any], name: str, path: Path) -> tuple[di
         inside = _fields(value) if i else variables
         if inside is None:
             raise UserError(
-                f"variable {'.'.join(name.split('.')[:i])!r} {_kind_of_value(value)}",
+                _no_vector(".".join(name.split(".")[:i]), value),
                 where=str(path),
                 remedy="specify a vector, or a field of a single struct, as in a.b",
             )
@@ -162,7 +162,7 @@ def _find_variable(variables: dict[str, Any], name: str, path: Path) -> tuple[di
         holder, value = inside, inside[field]
     if _fields(value) is not None or not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf":
         raise UserError(
-            f"variable {name!r} {_kind_of_value(value)}",
+            _no_vector(name, value),
             where=str(path),
             remedy=f"use a field, such as {name}.{next(iter(fields))}"
             if (fields := _fields(value))
@@ -190,18 +190,19 @@ def _fields(value: Any) -> dict[str, Any] | None:
     return None if names is None else {name: getattr(value, name) for name in names}
 
 
-def _kind_of_value(value: Any) -> str:
+def _no_vector(name: str, value: Any) -> str:
+    """Message on a variable that is not an array of numbers."""
     if _fields(value) is not None:
-        return "is a struct"
+        return f"variable {name!r} is a struct"
     if "Opaque" in type(value).__name__ or "Object" in type(value).__name__:
-        return "is a MATLAB table or object"
-    if not isinstance(value, np.ndarray):
-        return "is a sparse matrix" if hasattr(value, "nnz") else "is not an array of numbers"
-    return {
-        "O": f"is a struct array or cell array with {value.size} entries",
-        "U": "is text",
-        "c": "contains complex numbers",
-    }.get(value.dtype.kind, "is not an array of numbers")
+        return f"variable {name!r} is a MATLAB table or object"
+    if hasattr(value, "nnz"):
+        return f"variable {name!r} is a sparse matrix"
+    kind = value.dtype.kind if isinstance(value, np.ndarray) else ""
+    if kind == "O":
+        return f"variable {name!r} is a struct array or cell array with {value.size} entries"
+    other = "an array of complex numbers" if kind == "c" else "not an array of numbers"
+    return f"variable {name!r} is {'text' if kind == 'U' else other}"
 
 
 def _unit(holder: dict[str, Any], name: str, word: str) -> str:

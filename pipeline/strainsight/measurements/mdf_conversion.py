@@ -112,7 +112,9 @@ def _evaluate_atom(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value
         value, at = _evaluate_sum(tokens, at + 1, x, depth)
         return value, _close(tokens, at)
     if kind == "word":
-        raise ValueError(f"{text!r} is neither X1 nor a call of one of these functions: {', '.join(sorted(FUNCTIONS))}")
+        raise ValueError(
+            f"{text!r} is neither X1 (the raw value) nor a call of one of these functions: {', '.join(sorted(FUNCTIONS))}"
+        )
     raise ValueError("the formula is incomplete" if kind == "end" else f"{text!r} is unexpected")
 
 
@@ -137,7 +139,7 @@ def _close(tokens: Tokens, at: int) -> int:
 
 Values = NDArray[np.float64]
 _ELEMENTARY = ("polynomial", "exponential", "logarithmic", "rational", "formula", "text", "text")
-_TEXTS = ("ranges", "values with text", "ranges with text", "text", "text", "text")
+_TEXTS = ("ranges", "value-to-text", "range-to-text", "text", "text", "text")
 _KINDS = {
     3: {65535: "none", 0: "linear", 1: "interpolated", 2: "table", **dict(enumerate(_ELEMENTARY, start=6))},
     4: dict(enumerate(("none", "linear", "rational", "formula", "interpolated", "table", *_TEXTS))),
@@ -161,7 +163,7 @@ def to_physical(raw: Values, rule: Any, version: int, integers: bool, name: str,
         with np.errstate(all="ignore"):
             result[valid] = _convert(raw[valid], rule, version, integers, 0)
     except ValueError as error:
-        raise UserError(f"channel {name!r} {error}", where=where, remedy=EXPORT) from None
+        raise UserError(f"channel {name!r}: {error}", where=where, remedy=EXPORT) from None
     if not np.isfinite(result[valid]).all():
         sample = int(np.argmax(valid & ~np.isfinite(result)))
         shown = quote(_formula_text(rule), 100) if rule.formula else "rule"
@@ -182,10 +184,10 @@ def _formula_text(rule: Any) -> str:
 
 
 def _convert(x: Values, rule: Any, version: int, integers: bool, depth: int) -> Values:
-    """Raises ValueError with the problem of the channel."""
+    """Raises ValueError with the fault of the rule."""
     kind = _KINDS[version].get(rule.conversion_type)
     if depth > _DEEPEST:
-        raise ValueError(f"has conversion rules that are nested more than {_DEEPEST} levels deep")
+        raise ValueError(f"the conversion rules are nested more than {_DEEPEST} levels deep")
     match kind:
         case "none":
             return x
@@ -200,7 +202,7 @@ def _convert(x: Values, rule: Any, version: int, integers: bool, depth: int) -> 
             try:
                 return evaluate(text := _formula_text(rule), x)
             except ValueError as error:
-                reason = f"has the conversion formula {quote(text, 100)}, which cannot be evaluated: {error}"
+                reason = f"the conversion formula {quote(text, 100)} cannot be evaluated: {error}"
                 raise ValueError(reason) from None
         case "interpolated" | "table":
             return _look_up(x, rule, version, kind == "interpolated")
@@ -208,11 +210,11 @@ def _convert(x: Values, rule: Any, version: int, integers: bool, depth: int) -> 
             count = (rule.val_param_nr - 1) // 3
             row = _find_ranges(x, rule, count, integers)
             return np.append(_parameters(rule, "phys", count), rule.default)[row]
-        case "values with text" | "ranges with text":
+        case "value-to-text" | "range-to-text":
             return _convert_entries(x, rule, version, integers, depth)
         case "text":
-            raise ValueError("contains text instead of numbers")
-    raise ValueError(f"has an unsupported conversion rule, {kind or f'of type {rule.conversion_type}'}")
+            raise ValueError("the values are text instead of numbers")
+    raise ValueError(f"the conversion rule is not supported: {kind or f'type {rule.conversion_type}'}")
 
 
 def _parameters(rule: Any, name: str, count: int) -> Values:
@@ -233,7 +235,7 @@ def _look_up(x: Values, rule: Any, version: int, interpolated: bool) -> Values:
     count = rule.ref_param_nr if version == 3 else rule.val_param_nr // 2
     keys, values = _parameters(rule, "raw", count), _parameters(rule, "phys", count)
     if not count or not (np.diff(keys) > 0).all():
-        raise ValueError("has a conversion table with raw values that do not increase")
+        raise ValueError("the raw values in the conversion table do not increase")
     if interpolated:
         return np.interp(x, keys, values)
     middles = keys[:-1] + np.diff(keys) / 2
@@ -244,7 +246,7 @@ def _find_ranges(x: Values, rule: Any, count: int, integers: bool) -> NDArray[np
     """Index of the range of each value, -1 outside all; the upper limit belongs to the range only for integers."""
     lower, upper = _parameters(rule, "lower", count), _parameters(rule, "upper", count)
     if not (np.diff(lower) > 0).all() or (upper < lower).any() or (upper[:-1] > lower[1:]).any():
-        raise ValueError("has a conversion table with ranges that overlap or do not increase")
+        raise ValueError("the ranges in the conversion table overlap or do not increase")
     row = np.searchsorted(lower, x, side="right") - 1
     inside = row >= 0
     inside[inside] = x[inside] <= upper[row[inside]] if integers else x[inside] < upper[row[inside]]
@@ -253,7 +255,7 @@ def _find_ranges(x: Values, rule: Any, count: int, integers: bool) -> NDArray[np
 
 def _convert_entries(x: Values, rule: Any, version: int, integers: bool, depth: int) -> Values:
     """Values of a table whose entries are rules; raises ValueError if a sample has a text entry."""
-    ranges = _KINDS[version][rule.conversion_type] == "ranges with text"
+    ranges = _KINDS[version][rule.conversion_type] == "range-to-text"
     count = rule.val_param_nr // 2 if ranges else rule.val_param_nr
     if ranges:
         row = _find_ranges(x, rule, count, integers)
@@ -269,6 +271,6 @@ def _convert_entries(x: Values, rule: Any, version: int, integers: bool, depth: 
         if entry is None or isinstance(entry, bytes | str):
             text = entry.decode("utf-8", "replace") if isinstance(entry, bytes) else entry or ""
             shown = f": the raw value {x[here][0]:g} means {quote(text.strip(chr(0)))}" if text else ""
-            raise ValueError(f"contains text instead of numbers{shown}")
+            raise ValueError(f"the values are text instead of numbers{shown}")
         result[here] = _convert(x[here], entry, version, integers, depth + 1)
     return result

@@ -158,7 +158,7 @@ def _place(kind: str, path: Path, name: str | None) -> str:
 def _signals_in_child_process(kind: str, path: Path, names: Sequence[str | None], size: int) -> Signals:
     """The signals of `reading` from a child process."""
     library = LIBRARIES[kind]
-    crashed = f"the {library.format} library crashed or took too long"
+    crashed = f"the {library.format} library crashed or took too long to read the file"
     failure = UserError(crashed, where=_place(kind, path, names[0]), remedy=DAMAGED)
     limit, more = library.seconds + size / library.rate, [0.0] * len(names)
     with child_reader([*COMMAND, kind], [str(path), *names], failure) as receive:

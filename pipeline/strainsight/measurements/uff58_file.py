@@ -102,8 +102,8 @@ def function_of(
 
     order = _byte_order(decode(identifier), where)
     text = [decode(record.rstrip(b"\r\n")) for record in records]
-    dof = _fields(text[5], at(6), "the DOF", (5, 10, 5, 10, -11, 10, 4))
-    form = _fields(text[6], at(7), "the data form", (10, 10, 10, 13.5, 13.5))
+    dof = _fields(text[5], at(6), "DOF", (5, 10, 5, 10, -11, 10, 4))
+    form = _fields(text[6], at(7), "data form", (10, 10, 10, 13.5, 13.5))
     ordinate, count, spacing = (int(value) for value in form[:3])
     if ordinate not in (2, 4, 5, 6) or spacing not in (0, 1) or not 0 < count < 10**12:
         raise UserError(
@@ -143,13 +143,13 @@ def _byte_order(identifier: str, where: str) -> str:
     """ "" for text; "<" or ">" for 58b, whose line has the form (I6,1A1,I6,I6,I12,I12,…)."""
     if identifier[6:7].lower() != "b":
         return ""
-    order, floats, lines = (int(value) for value in _fields(identifier[7:], where, "the identifier", (6, 6, 12)))
+    order, floats, lines = (int(value) for value in _fields(identifier[7:], where, "identifier", (6, 6, 12)))
     if order not in (1, 2) or floats != 2 or lines != HEADER:
         problem = {1: "numbers of DEC VMS", 3: "numbers of IBM 370"}.get(
-            floats, f"byte order {order}, number format {floats}, {lines} lines"
+            floats, f"byte order {order}, number format {floats} and {lines} header lines"
         )
         raise UserError(
-            f"{problem} are not supported in dataset 58b",
+            f"dataset 58b with {problem} is not supported",
             where=where,
             remedy="export IEEE 754 numbers after 11 header lines, or export the file as text",
         )
@@ -167,7 +167,7 @@ def _fields(text: str, where: str, what: str, widths: tuple[float, ...]) -> list
         value = 0.0 if not piece else number_of(piece)
         if value is None or not math.isfinite(value) or (width == int(width) and value != int(value)):
             raise UserError(
-                f"{quote(piece)} is not a valid number in {what}: {quote(text, 80)}",
+                f"{quote(piece)} is not a valid number in the {what} of dataset 58: {quote(text, 80)}",
                 where=where,
                 remedy="export the file again with fixed columns, as the format requires",
             )
@@ -177,7 +177,7 @@ def _fields(text: str, where: str, what: str, widths: tuple[float, ...]) -> list
 
 def _axis(text: str, where: str) -> tuple[int, str | None]:
     """Specific data type and unit of a record (I10,3I5,2(1X,20A1))."""
-    (kind,) = _fields(text, where, "the axis", (10,))
+    (kind,) = _fields(text, where, "axis", (10,))
     unit = text[46:].strip()
     return int(kind), None if unit.upper() in NONE else unit
 
@@ -290,7 +290,7 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
                 continue
             if function.count * sum(function.layout) > 2 * size:
                 raise UserError(
-                    f"{function.count} values are declared, but the file has only {size} bytes",
+                    f"{function.count} values are declared in the header of a function, but the file has only {size} bytes",
                     where=where,
                     remedy=DAMAGED,
                 )

@@ -45,7 +45,7 @@ class CandidateSensor(Priced):
 
 
 class OnFlexibleBody(Section):
-    """Base of sections that refer to a flexible body."""
+    """Common key of the sections that refer to a flexible body."""
 
     body: FlexibleName = Field(description="Name of the flexible body.")
 
@@ -111,7 +111,7 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
 class StrainSensorSection(OnFlexibleBody, Snapped):
     """Strain gauges on a flexible body."""
 
-    type: Literal["strain"] = Field(description="Kind of sensor.")
+    type: Literal["strain"] = Field(description="Kind of sensor: strain gauges.")
     gauges: tuple[BondedGauge, ...] = Field(
         (), description="Bonded gauges of this sensor; empty: the gauges of the layout that the key `layout` selects."
     )
@@ -122,7 +122,7 @@ class StrainSensorSection(OnFlexibleBody, Snapped):
     )
     zeroed: bool = Field(
         False,
-        description="`true`: subtract the reading of each gauge at the start of the run from all its readings (zero balance).",
+        description="`true`: subtract the first simulated reading of each gauge from all its readings (zero balance).",
     )
 
 
@@ -130,13 +130,13 @@ class RelativeSensor(Between):
     """Motion of the second frame relative to the first frame, in the axes of the first frame: three displacements, and tilts
     about the y and z axes."""
 
-    type: Literal["relative"] = Field(description="Kind of sensor.")
+    type: Literal["relative"] = Field(description="Kind of sensor: relative motion of two frames.")
 
 
 class MotionSensor(AtFrame):
     """Position, velocity or axis direction of a frame, in global axes."""
 
-    type: Literal["motion"] = Field(description="Kind of sensor.")
+    type: Literal["motion"] = Field(description="Kind of sensor: motion of a frame.")
     quantity: Literal["position", "velocity", "x_axis", "y_axis", "z_axis"] = expert(
         "position",
         description="Measured quantity: position [m] or velocity [m/s] of the origin of the frame, or direction of one axis "
@@ -147,7 +147,7 @@ class MotionSensor(AtFrame):
 class AccelerationSensor(AtFrame):
     """Acceleration of the origin of a frame, in the axes of the frame (accelerometer) or in global axes."""
 
-    type: Literal["acceleration"] = Field(description="Kind of sensor.")
+    type: Literal["acceleration"] = Field(description="Kind of sensor: accelerometer.")
     axes: Literal["own", "global"] = expert(
         "own", description="Axes of the measured components: axes of the frame (`own`), or global axes (`global`)."
     )
@@ -162,7 +162,7 @@ class ReactionSensor(Section):
     """Force and moment of a joint on its second frame, in the axes of the first frame; the moment is about the origin of the
     second frame. The sensor is for the simulation only, not for the filter."""
 
-    type: Literal["reaction"] = Field(description="Kind of sensor.")
+    type: Literal["reaction"] = Field(description="Kind of sensor: joint force and moment.")
     joint: JointName = Field(description="Name of the joint.")
 
 

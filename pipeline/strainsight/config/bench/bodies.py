@@ -121,7 +121,7 @@ class Moving(Section):
 class RigidBodySection(Moving):
     """A rigid body."""
 
-    type: Literal["rigid"] = Field(description="Kind of body.")
+    type: Literal["rigid"] = Field(description="Kind of body: rigid body.")
     mass: Annotated[Positive, Plausible(1e-6, 1e8, "kg")] = Field(description="Mass of the body [kg].")
     centre: Point = Field(
         (0.0, 0.0, 0.0), description="Position of the centre of mass relative to the body origin, in body axes [m]."
@@ -155,7 +155,7 @@ class Modulus(Section):
 class FlexibleBodySection(Moving, Damped):
     """A flexible body: a finite-element mesh with Craig-Bampton reduction."""
 
-    type: Literal["flexible"] = Field(description="Kind of body.")
+    type: Literal["flexible"] = Field(description="Kind of body: flexible body.")
     mesh: MeshFile = Field(
         description="Finite-element model of the body. Supports in the model fix the body to the ground."
     )
@@ -281,7 +281,7 @@ class BearingSection(Section):
         for radius in RADII:
             value = getattr(self, radius)
             if not value > half:
-                what = f"{value:g} m is not larger than half the ball diameter, {half:g} m"
+                what = f"the groove radius of {value:g} m is not larger than half the ball diameter, {half:g} m"
                 yield Problem(radius, what, "use a larger groove radius, typically 1.03 to 1.06 times the ball radius")
             elif not value > half + self.preload and self.preload <= limit:
                 what = (
@@ -298,7 +298,7 @@ class BearingSection(Section):
 
 
 class OfBearings(Section):
-    """Base of sections that apply to one, several or all bearings."""
+    """Common key of the sections for one, several or all bearings."""
 
     bearing: Bearings = Field(
         None, description="Name of the bearing for the computation, or a list of names; null: all bearings."

@@ -76,7 +76,9 @@ def _candidates(config: BenchConfig, place: BenchPlace) -> Iterator[Problem]:
     for name in place.sensors:
         key, sensor = f"place.sensors.{name}", config.sensors.get(name)
         yield from known(key, name, config.sensors, "sensor")
-        yield from disturbed(config.estimate, sensor, name, f"or remove '{name}' from place.sensors")
+        yield from disturbed(
+            config.estimate, sensor, name, f"set estimate.disturbance: 0, or remove '{name}' from place.sensors"
+        )
         moves = isinstance(sensor, RelativeSensor | AccelerationSensor)
         moves |= isinstance(sensor, MotionSensor) and sensor.quantity == "position"
         if sensor is not None and not moves:

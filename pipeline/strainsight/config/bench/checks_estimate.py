@@ -134,10 +134,8 @@ def disturbed(
 ) -> Iterator[Problem]:
     """Yield a problem for an accelerometer together with a white acceleration."""
     if isinstance(sensor, AccelerationSensor) and estimate is not None and estimate.disturbance > 0:
-        what = (
-            f"not possible with accelerometer '{name}': the disturbance is white noise, without a value at an instant"
-        )
-        yield Problem("estimate.disturbance", what, f"set estimate.disturbance to 0, {remedy}")
+        what = f"the random acceleration of the bodies is white noise, which accelerometer '{name}' cannot measure at an instant"
+        yield Problem("estimate.disturbance", what, remedy)
 
 
 def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
@@ -154,7 +152,8 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
             estimate,
             sensor,
             name,
-            f"and set {key}.noise to √(noise² + e²), e = standard deviation of the acceleration error of the bench model [m/s²]",
+            f"set estimate.disturbance: 0, and increase {key}.noise to √(noise² + e²), where e [m/s²] is the "
+            "standard deviation of the acceleration error of the bench model",
         )
         count = channels_of(config, name)
         for field in ("noise", "bias", "drift"):

@@ -36,7 +36,7 @@ Axis = Literal["x", "y", "z"]
 class ConstantSection(Section):
     """Constant signal u(t) = value."""
 
-    type: Literal["constant"] = Field(description="Kind of signal.")
+    type: Literal["constant"] = Field(description="Kind of signal: a constant.")
     value: Annotated[float, DRIVEN] = Field(
         description="Value of the signal [N or N m; for a drive: rad, m, rad/s or m/s]."
     )
@@ -46,11 +46,13 @@ class RampSection(Section):
     """Smooth transition from `start` (a) to `end` (b), u = a + (b − a)(10s³ − 15s⁴ + 6s⁵) with s = (t − `begin`)/`duration`. The
     first and second time derivatives of u are continuous."""
 
-    type: Literal["ramp"] = Field(description="Kind of signal.")
+    type: Literal["ramp"] = Field(description="Kind of signal: a smooth transition.")
     start: Annotated[float, DRIVEN] = Field(
-        0.0, description="Initial value a [N or N m; for a drive: rad, m, rad/s or m/s]."
+        0.0, description="Value of the signal before the transition [N or N m; for a drive: rad, m, rad/s or m/s]."
     )
-    end: Annotated[float, DRIVEN] = Field(description="Final value b [N or N m; for a drive: rad, m, rad/s or m/s].")
+    end: Annotated[float, DRIVEN] = Field(
+        description="Value of the signal after the transition [N or N m; for a drive: rad, m, rad/s or m/s]."
+    )
     begin: Annotated[NotNegative, DURATION] = Field(
         0.0, description="Start time of the transition from `start` to `end` [s]."
     )
@@ -64,7 +66,7 @@ Signal = Annotated[
 
 
 class Between(Section):
-    """Base of joints and forces between two frames."""
+    """Common keys of joints and forces between two frames."""
 
     type: str = Field(description="Kind of joint or force.")
     frames: Frames = Field(
@@ -74,37 +76,37 @@ class Between(Section):
 
 
 class Axial(Between):
-    """Base of joints and forces with an axis."""
+    """Common key of joints and forces with an axis."""
 
     axis: Axis = Field(
         "x",
-        description="Axis of the joint or force: this axis of the first frame. If the axis is common to both frames, it has "
-        "the same name in the second frame.",
+        description="Axis of the first frame that is the axis of the joint or force. If the axis is common to both frames, "
+        "it is the axis with this name in each frame.",
     )
 
 
 class Spherical(Between):
     """Ball joint: the origins of two frames coincide."""
 
-    type: Literal["spherical"] = Field(description="Kind of joint.")
+    type: Literal["spherical"] = Field(description="Kind of joint: ball joint.")
 
 
 class Revolute(Axial):
     """Hinge: the origins of two frames coincide, and the second frame rotates about an axis common to both frames."""
 
-    type: Literal["revolute"] = Field(description="Kind of joint.")
+    type: Literal["revolute"] = Field(description="Kind of joint: hinge.")
 
 
 class Prismatic(Axial):
     """The second frame slides along an axis of the first frame, without rotation."""
 
-    type: Literal["prismatic"] = Field(description="Kind of joint.")
+    type: Literal["prismatic"] = Field(description="Kind of joint: slider without rotation.")
 
 
 class Cylindrical(Axial):
     """The second frame slides along an axis common to both frames and rotates about this axis."""
 
-    type: Literal["cylindrical"] = Field(description="Kind of joint.")
+    type: Literal["cylindrical"] = Field(description="Kind of joint: slider with rotation.")
 
 
 class Universal(Axial):
@@ -112,26 +114,26 @@ class Universal(Axial):
     frame. `axis` is the direction of the shafts, and the pins are the next two axes in the order x, y, z, x. With `axis:
     x`, the pins are the y axis of the first frame and the z axis of the second frame."""
 
-    type: Literal["universal"] = Field(description="Kind of joint.")
+    type: Literal["universal"] = Field(description="Kind of joint: Cardan joint.")
 
 
 class Pin(Axial):
     """The origin of the second frame stays on an axis of the first frame; the second frame slides along this axis and rotates
     freely."""
 
-    type: Literal["pin"] = Field(description="Kind of joint.")
+    type: Literal["pin"] = Field(description="Kind of joint: slider with free rotation.")
 
 
 class Fixed(Between):
     """Rigid connection: the origins and axes of two frames coincide."""
 
-    type: Literal["fixed"] = Field(description="Kind of joint.")
+    type: Literal["fixed"] = Field(description="Kind of joint: rigid connection.")
 
 
 class Coincidence(Between):
     """Selected global coordinates of the origins of two frames are equal."""
 
-    type: Literal["coincidence"] = Field(description="Kind of joint.")
+    type: Literal["coincidence"] = Field(description="Kind of joint: equal coordinates.")
     components: Annotated[tuple[Axis, ...], Field(min_length=1, max_length=3)] = expert(
         description="Global coordinates that are equal for the origins of both frames."
     )
@@ -140,7 +142,7 @@ class Coincidence(Between):
 class Perpendicular(Between):
     """An axis of the first frame is perpendicular to an axis of the second frame, or to the line between the two origins."""
 
-    type: Literal["perpendicular"] = Field(description="Kind of joint.")
+    type: Literal["perpendicular"] = Field(description="Kind of joint: perpendicular axes.")
     axis: Axis = Field(description="Axis of the first frame that is perpendicular to `to`.")
     to: Literal["x", "y", "z", "offset"] = Field(
         description="Axis of the second frame that is perpendicular to `axis`. With `offset`: instead of an axis, the line from "
@@ -151,8 +153,10 @@ class Perpendicular(Between):
 class Distance(Between):
     """Massless rod: the distance between the origins of two frames is constant."""
 
-    type: Literal["distance"] = Field(description="Kind of joint.")
-    length: Annotated[Positive, Plausible(1e-6, 1e3, "m")] = expert(description="Distance between the origins [m].")
+    type: Literal["distance"] = Field(description="Kind of joint: massless rod.")
+    length: Annotated[Positive, Plausible(1e-6, 1e3, "m")] = expert(
+        description="Distance between the origins of the two frames [m]."
+    )
 
 
 Held = Literal["x", "y", "z", "about_x", "about_y", "about_z"]
@@ -161,7 +165,7 @@ Held = Literal["x", "y", "z", "about_x", "about_y", "about_z"]
 class Generic(Between):
     """Selected components of the relative motion of two frames are fixed, the other components are free."""
 
-    type: Literal["generic"] = Field(description="Kind of joint.")
+    type: Literal["generic"] = Field(description="Kind of joint: selected fixed components.")
     fixed: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = expert(
         description="Fixed components of the relative motion: displacements along the axes of the first frame, and rotations "
         "about these axes. One fixed rotation keeps two axes perpendicular, as in a Cardan joint. Two fixed rotations keep "
@@ -196,10 +200,10 @@ class Drive(Section):
 
 
 class WithDrive(Section):
-    """Base of joints with a prescribed motion."""
+    """Common key of joints with a prescribed motion."""
 
     drive: Drive = Field(
-        description="Prescribed motion: angle (any number of turns), displacement, or length (positive)."
+        description="Prescribed motion of the joint: angle (any number of turns), displacement, or distance (positive)."
     )
 
 
@@ -207,19 +211,20 @@ class DrivenAngle(Axial, WithDrive):
     """The second frame rotates by a prescribed angle about an axis common to both frames. Another joint must keep the axis
     common, within 0.1 rad. The angle may change by at most 1 rad per time step."""
 
-    type: Literal["driven_angle"] = Field(description="Kind of joint.")
+    type: Literal["driven_angle"] = Field(description="Kind of joint: prescribed angle.")
 
 
 class DrivenDisplacement(Axial, WithDrive):
-    """Prescribed displacement of the second origin relative to the first origin, along an axis of the first frame."""
+    """Prescribed displacement of the origin of the second frame relative to that of the first frame, along an axis of the first
+    frame."""
 
-    type: Literal["driven_displacement"] = Field(description="Kind of joint.")
+    type: Literal["driven_displacement"] = Field(description="Kind of joint: prescribed displacement.")
 
 
 class DrivenDistance(Between, WithDrive):
     """The distance between the origins of two frames is prescribed, as in a hydraulic cylinder."""
 
-    type: Literal["driven_distance"] = Field(description="Kind of joint.")
+    type: Literal["driven_distance"] = Field(description="Kind of joint: prescribed distance.")
 
 
 Driven = DrivenAngle | DrivenDisplacement | DrivenDistance
@@ -256,7 +261,7 @@ class Turns(Section):
 class GravitySection(Section):
     """Gravity on every body."""
 
-    type: Literal["gravity"] = Field(description="Kind of force.")
+    type: Literal["gravity"] = Field(description="Kind of force: gravity.")
     acceleration: Annotated[Vector, Plausible(0.0, 1e3, "m/s²")] = Field(
         (0.0, 0.0, -9.81), description="Acceleration of gravity in global axes [m/s²]."
     )
@@ -281,7 +286,7 @@ class SpringAndDamper(Section):
 class Spring(Between, SpringAndDamper):
     """A linear spring and damper between the origins of two frames."""
 
-    type: Literal["spring"] = Field(description="Kind of force.")
+    type: Literal["spring"] = Field(description="Kind of force: spring and damper.")
     length: Annotated[NotNegative, Plausible(1e-6, 1e3, "m")] = expert(
         0.0, description="Length of the unloaded spring [m]."
     )
@@ -290,7 +295,7 @@ class Spring(Between, SpringAndDamper):
 class Torsion(Axial, SpringAndDamper):
     """A torsion spring and damper about an axis common to two frames. A joint, such as a hinge, must keep this axis common."""
 
-    type: Literal["torsion"] = Field(description="Kind of force.")
+    type: Literal["torsion"] = Field(description="Kind of force: torsion spring and damper.")
     angle: Annotated[float, TURN] = expert(
         0.0,
         description="Rotation of the second frame relative to the first frame about the axis, at zero spring torque [rad].",
@@ -304,7 +309,7 @@ class Bushing(Between):
     """Linear springs and dampers for the displacements and small rotations of the second frame relative to the first frame, in
     the axes of the first frame."""
 
-    type: Literal["bushing"] = Field(description="Kind of force.")
+    type: Literal["bushing"] = Field(description="Kind of force: springs and dampers for all six components.")
     stiffness: Annotated[Six, STIFFNESS] = expert(
         description="Six values: stiffness along the x, y and z axes of the first frame [N/m], then about these axes [N m/rad]."
     )
@@ -319,49 +324,50 @@ class RegularisedFriction(Section):
     """Regularised friction: the friction is continuous at zero speed."""
 
     viscous: Annotated[NotNegative, VISCOUS] = expert(
-        0.0, description="Coefficient c of viscous friction [N m s/rad; for sliding, N s/m]."
+        0.0, description="Coefficient of viscous friction [N m s/rad; for sliding, N s/m]."
     )
     speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s or m/s")] = Field(
         1e-3,
-        description="Regularisation speed ω₀ [rad/s; for sliding, m/s]. At speeds above 3 ω₀, Coulomb friction is accurate "
-        "to 0.5 %. At lower speeds, the parts slide slowly instead of sticking. The value must be at least a tenth of "
-        "the speed change in one time step. Otherwise, the equations of the time step have no solution.",
+        description="Speed for the regularisation of Coulomb friction [rad/s; for sliding, m/s]. Above three times this speed, "
+        "Coulomb friction is accurate to 0.5 %. At lower speeds, the parts slide slowly instead of sticking. "
+        "The value must be at least a tenth of the speed change in one time step. Otherwise, the equations of the time "
+        "step have no solution.",
     )
 
 
 class Input(Section):
-    """Base of forces with a time history: inputs of the bench."""
+    """Common key of forces and moments with a time history, which can be estimated."""
 
     signal: Signal = Field(
-        description="Time history of the force [N] or moment [N m]. A positive force of an actuator pushes the two origins "
-        "apart. A positive torque of a motor turns the second frame in the positive direction about the axis."
+        description="Time history of the force [N] or moment [N m]. A positive force of an actuator pushes the origins of "
+        "the two frames apart. A positive torque of a motor turns the second frame in the positive direction about the axis."
     )
 
 
 class FrictionSection(Axial, RegularisedFriction):
-    """Friction about or along an axis common to two frames: −T tanh(ω/ω₀) − cω, with the relative speed ω. The friction does
-    not depend on the joint forces."""
+    """Friction about or along an axis common to two frames: −T tanh(ω/ω₀) − cω, with the relative speed ω, T = `coulomb`,
+    ω₀ = `speed` and c = `viscous`. The friction does not depend on the joint forces."""
 
-    type: Literal["friction"] = Field(description="Kind of force.")
+    type: Literal["friction"] = Field(description="Kind of force: friction.")
     motion: Literal["turn", "slide"] = expert(
         "turn", description="Motion with friction: rotation about the axis, or sliding along it."
     )
     coulomb: Annotated[NotNegative, Plausible(1e-9, 1e9, "N m or N")] = expert(
-        description="Coulomb friction T: torque [N m], or for sliding force [N]."
+        description="Coulomb friction: torque [N m], or force for sliding [N]."
     )
 
 
 class Torque(Axial, Input):
     """A motor: a torque between two frames about an axis common to both. A joint, such as a hinge, must keep this axis common.
-    The torque is an input of the bench."""
+    The torque can be estimated."""
 
-    type: Literal["torque"] = Field(description="Kind of force.")
+    type: Literal["torque"] = Field(description="Kind of force: motor.")
 
 
 class ActuatorSection(Between, Input):
-    """A cylinder: a force that pushes the origins of two frames apart. The force is an input of the bench."""
+    """A cylinder: a force that pushes the origins of two frames apart. The force can be estimated."""
 
-    type: Literal["actuator"] = Field(description="Kind of force.")
+    type: Literal["actuator"] = Field(description="Kind of force: cylinder.")
 
 
 Law = Spring | Torsion | Bushing | FrictionSection | Torque | ActuatorSection
@@ -369,7 +375,7 @@ Law = Spring | Torsion | Bushing | FrictionSection | Torque | ActuatorSection
 
 
 class AtFrame(Section):
-    """Base of forces at one frame."""
+    """Common key of forces and moments on a frame."""
 
     frame: FrameName = Field(description="Name of the frame on which the force or moment acts.")
 
@@ -388,22 +394,22 @@ class PointInput(AtFrame, Input):
 
 
 class PointForceSection(PointInput):
-    """A force on the origin of a frame: an input of the bench."""
+    """A force on the origin of a frame, which can be estimated."""
 
-    type: Literal["force"] = Field(description="Kind of force.")
+    type: Literal["force"] = Field(description="Kind of force: a force.")
 
 
 class PointMomentSection(PointInput):
-    """A moment on a frame: an input of the bench."""
+    """A moment on a frame, which can be estimated."""
 
-    type: Literal["moment"] = Field(description="Kind of force.")
+    type: Literal["moment"] = Field(description="Kind of force: a moment.")
 
 
 class BearingDrag(RegularisedFriction):
     """Friction and damping of a bearing."""
 
     moment: Annotated[NotNegative, MOMENT] = Field(
-        0.0, description="Friction moment without load, from seals and preload [N m]."
+        0.0, description="Friction moment of the unloaded bearing, from seals and preload [N m]."
     )
     coefficient: Annotated[NotNegative, Plausible(1e-4, 0.3)] = Field(
         0.0,
@@ -422,7 +428,7 @@ class BearingDrag(RegularisedFriction):
 class BearingForce(Section):
     """A bearing between two frames; the bearing axis is the x axis of the outer frame."""
 
-    type: Literal["bearing"] = Field(description="Kind of force.")
+    type: Literal["bearing"] = Field(description="Kind of force: bearing.")
     bearing: BearingName = Field(description="Name of the bearing.")
     outer: FrameName = Field(description="Frame of the outer ring, at the centre of the bearing.")
     inner: FrameName = Field(description="Frame of the inner ring, at the centre of the bearing.")

@@ -133,7 +133,9 @@ class EstimatedParameter(Section):
             yield Problem("", what, "set guess or std, or remove the entry", at_key=True)
         for key, value in self.guesses():
             if self.property != "preload" and not value > 0:
-                yield Problem(key, f"{value:g} is not positive", "use a positive value")
+                yield Problem(
+                    key, f"the initial value {value:g} of the parameter is not positive", "use a positive value"
+                )
 
 
 class BenchTruth(Section):
@@ -293,7 +295,12 @@ class BenchEstimateSection(EstimateOptions):
         description="Imported measurements: from the simulation of another bench (`from`), or from a test (`file`).",
     )
     method: Method = with_defaults(Method, "Options of the filter.")
-    runs: int = Field(1, ge=1, le=10_000, description="Number of runs of the filter, each with another noise seed [-].")
+    runs: int = Field(
+        1,
+        ge=1,
+        le=10_000,
+        description="Number of runs of the filter, each with another seed of the measurement noise [-].",
+    )
     allow_unresolved_steps: bool = Field(
         False,
         description="`true`: continue even if the time step is too long to resolve the load histories. The standard "

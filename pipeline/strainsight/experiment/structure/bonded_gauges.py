@@ -140,7 +140,7 @@ def _signs(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> np
         return None
     sign = [_number(path, line, entry, "sign") for line, entry in lines]
     if problem := bridge_problem(sign):
-        raise DeckError(f"bridge {name} has {problem[0]}", where=where, remedy=problem[1])
+        raise DeckError(f"bridge {name}: {problem[0]}", where=where, remedy=problem[1])
     return np.array(sign, dtype=int)
 
 
