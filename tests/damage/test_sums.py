@@ -162,7 +162,7 @@ def test_infinite_draws_are_the_largest():
 
 
 def test_too_few_draws_and_nan_are_refused():
-    with pytest.raises(ValueError, match=r"39 samples .* 40 are needed"):
+    with pytest.raises(ValueError, match=r"39 random samples .* 40 are needed"):
         interval_of(np.zeros((39, 2)))
     with pytest.raises(ValueError, match="NaN"):
         rainflow(np.array([0.0, np.nan, 1.0]))

@@ -224,7 +224,7 @@ def test_too_little_memory_for_the_sum_is_refused_and_enough_is_not(box, kind, m
     monkeypatch.setattr(memory, "available_memory", lambda: float(peak))
     assemble(mesh)
     monkeypatch.setattr(memory, "available_memory", lambda: peak / 20)
-    words = rf"the stiffness matrix of {len(mesh.position)} nodes: .* GiB of memory are needed"
+    words = rf"the stiffness matrix of a mesh with {len(mesh.position)} nodes: .* GiB of memory are needed"
     with pytest.raises(UserError, match=words):
         assemble(mesh)
 

@@ -118,7 +118,7 @@ def test_default_loads_are_modal_forces():
     ("change", "words"),
     [
         ({"F": np.eye(3)}, "inconsistent shapes"),
-        ({"R": np.ones((8, 8))}, "correlated"),
+        ({"R": np.ones((8, 8))}, "off the diagonal"),
         ({"R": np.ones(7)}, "inconsistent shapes"),
         ({"states": [0, 0]}, "states"),
         ({"names": ["a"]}, "4 states have 1 names"),

@@ -47,7 +47,7 @@ def test_noise_that_no_channel_has_is_named_with_its_key(run):
     assert quiet_noise(training, noisy(screened, 5.1e-8)) == ""
     said = quiet_noise(training, noisy(screened, 4.9e-8))
     assert "0.049 µm/m per sample" in said
-    assert "gauges.noise_std: {value: …}" in said
+    assert "Set gauges.noise_std.value" in said
 
 
 def test_noise_above_every_reading_is_named_with_both(run):

@@ -147,7 +147,7 @@ def test_a_truth_has_as_many_modes_as_there_are(folder):
         (("mesh.results={file: found.frd, modes: {step: 7}}",), "mesh.results.modes", "no modes of step 7 in the file"),
         ((OF_RESULTS.replace("step: 1", "step: 1, magnitude: 0.9"),), "mesh.results.loads.tip", "mode 1 with the amplitude"),
         (("mesh.results={file: found.frd, modal_mass: mesh, at: {E: 2.0e+12}}",), "parameters.E.guess", "the results"),
-        ((OF_RESULTS, "rom.modes=15"), "rom.modes", "is only 12\n *Request 1 to 12 modes"),
+        ((OF_RESULTS, "rom.modes=15"), "rom.modes", "allow only 12\n *Request 1 to 12 modes"),
         ((OF_RESULTS, "mesh.free=true"), "mesh.free", "stiffness, mass and supports"),
         # springs of the deck do not change with E, and one set of results does not say what they add
         ((OF_RESULTS, "mesh.file=sprung.bdf"), "parameters.E", "does not scale the springs of the deck"),
