@@ -192,7 +192,7 @@ def test_a_factor_of_the_stiffness_is_free_and_a_modulus_is_not(box):
     K = assemble_stiffness(changed)
     assert mass_properties(changed)[0] == pytest.approx(900.0)
     assert abs(stiffness.at({"s": 1.3}) - K).max() < 1e-13 * abs(K).max()
-    with pytest.raises(UserError, match="region 1 \\(made of an anisotropic material") as error:
+    with pytest.raises(UserError, match="region 1 \\(a solid of an anisotropic material") as error:
         assemble(mesh, [Parameter("E", "youngs_modulus", (1,), 2e11)])
     assert "stiffness_factor" in error.value.remedy
     z = np.random.default_rng(0).normal(size=(3 * len(mesh.position), 1))

@@ -166,12 +166,12 @@ def test_axes_follow_the_nodes():
 @pytest.mark.parametrize(
     ("nodes", "word"),
     [
-        ([[0, 0], [1, 0], [1, 0], [0, 0]], "without area"),
-        ([[0, 0], [1, 0], [0, 1], [1, 1]], "without area"),  # crossed: its diagonals are parallel
+        ([[0, 0], [1, 0], [1, 0], [0, 0]], "no area"),
+        ([[0, 0], [1, 0], [0, 1], [1, 1]], "no area"),  # crossed: its diagonals are parallel
         ([[0, 0], [2, 0], [0.3, 1.5], [1, 1]], "corner of more than 180°"),  # crossed
         ([[0, 0], [1, 0], [0.2, 0.2], [0, 1]], "corner of more than 180°"),  # re-entrant
         ([[0, 0], [1, 0], [0.5, 0.5], [0, 1]], "corner of more than 180°"),  # a straight corner
-        ([[0, 0], [1, 0], [2, 0]], "without area"),
+        ([[0, 0], [1, 0], [2, 0]], "no area"),
     ],
 )
 def test_what_is_no_shell_is_refused_by_its_id(nodes, word):

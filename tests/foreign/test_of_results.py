@@ -193,7 +193,7 @@ def test_results_have_to_cover_the_surface_and_the_loads(bar):
     apart = with_nodes(bar, [3.0, 0.0, 0.0], ids=[99999])
     motion = np.concatenate([own.motion, np.full((len(own.motion), 1, 3), np.nan)], axis=1)
     loose = PointLoad("end", (1.0, 0.0, 0.0), node_id=99999)
-    with pytest.raises(UserError, match=r"node 99999, translation x \(a node on which a load acts"):
+    with pytest.raises(UserError, match=r"node 99999, translation x \(loaded node"):
         built(apart, replace(own, motion=motion), (loose,))
 
 

@@ -267,7 +267,7 @@ def test_supports_inside_matrices_are_noted():
     K, M = beam_matrices(4)
     node, component = beam_rows(mesh)
     reduced = convert_matrices(node[6:], component[6:], [Term(K[6:, 6:])], [Term(M[6:, 6:])])
-    assert "constrained by the matrices" in build_imported_model(mesh, reduced).notes[0]
+    assert "the imported stiffness matrix prevents all rigid-body motions" in build_imported_model(mesh, reduced).notes[0]
     springs = sparse.csr_array(K + sparse.diags_array(np.tile([1e2] * 6, 5)))
     note = build_imported_model(mesh, convert_matrices(node, component, [Term(springs)], [Term(M)])).notes[0]
     mass = RHO * AREA * LENGTH

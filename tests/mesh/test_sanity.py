@@ -79,7 +79,7 @@ def test_unused_nodes_and_ignored_cards_give_warnings():
     assert list(mesh.node_ids[unused_nodes(mesh)]) == [9]
     assert empty_regions(mesh) == (2,)
     assert sanity_warnings(mesh) == (
-        "3 × shells ignored: the stiffness, mass or tie of this card is missing from the model",
+        "3 × shells ignored: the model lacks the stiffness, mass or tie defined by the ignored card",
         "1 node has no connection, and is omitted from the model: 9",
         "region 2 (lid) has no elements",
     )

@@ -172,7 +172,10 @@ MISSING_END = "MISSING ENDDATA"
 """Name in a config of a deck with BEGIN BULK but without ENDDATA, which may be truncated."""
 PRELOAD = "PRELOAD"
 """Name in a config of the preload of a modal analysis; cards are "PRELOAD by STATSUB" and similar."""
-LINEAR = {**dict.fromkeys(("S9R5", "CQUAD"), "eight or four nodes"), **dict.fromkeys(("T3D3", "CBEAM3"), "two nodes")}
+LINEAR = {
+    **dict.fromkeys(("S9R5", "CQUAD"), "elements of eight or four nodes"),
+    **dict.fromkeys(("T3D3", "CBEAM3"), "elements of two nodes"),
+}
 """Shells of nine nodes and quadratic trusses, in the spelling of `short` → number of nodes of a supported element."""
 _UNUSED = re.compile(r"\sthat no | not selected$")
 

@@ -231,7 +231,13 @@ def _mesh(path: Path, required: bool) -> Mesh:
         raise error_at(path, "the file contains no solid elements", "set mesh.file to the input deck (.inp)")
     check_elements(blocks, lambda *_: str(path))
     regions = sorted({int(number) for block in blocks for number in np.unique(block.region)})
-    notes = ["coordinates of a text result file (.frd) have only six digits"] if nodes.text else []
+    notes = (
+        [
+            "coordinates of a text result file (.frd) have only six digits; those of the input deck (.inp) are more precise"
+        ]
+        if nodes.text
+        else []
+    )
     if others:
         notes.append(f"{plural(others, 'element')} left out, because only solids are imported")
     return Mesh(

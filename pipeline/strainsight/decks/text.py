@@ -260,11 +260,11 @@ def is_whole(token: str) -> bool:
     return _WHOLE.fullmatch(token) is not None
 
 
-def describe_non_integer(token: str) -> str:
-    """Reason why `parse_integer` returns None."""
+def describe_non_integer(what: str, token: str) -> str:
+    """Reason why `parse_integer` returns None for the token of `what`."""
     if is_whole(token):
-        return f"is {token[:24]}, too large (the limit is 10^12)"
-    return f"is {repr(token) if token else 'blank'}, not an integer"
+        return f"{what} is {token[:24]}, too large (the limit is 10^12)"
+    return f"{what} is {repr(token) if token else 'blank'}, not an integer"
 
 
 def parse_real(token: str) -> float | None:
@@ -313,8 +313,7 @@ class Entries(ABC):
             return default
         value = parse_integer(token)
         if value is None:
-            fault = describe_non_integer(token)
-            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {fault}")
+            raise self.error(describe_non_integer(f"{meaning} ({self.WORD} {i + self.FIRST})", token))
         return value
 
     def component(self, i: int, default: int | None = None) -> int:

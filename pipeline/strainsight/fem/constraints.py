@@ -168,21 +168,21 @@ def _check_has_stiffness(mesh: Mesh, rows: MotionRows, T: sparse.csr_array, has_
     reached = np.diff(T[:, np.flatnonzero(has_stiffness)].tocsr().indptr) > 0
     unsupported = np.zeros(T.shape[0], dtype=bool)
     unsupported[T[:, np.flatnonzero(~has_stiffness)].tocoo().row] = True
-    for e in mesh.averaging:
-        counts = np.repeat(np.asarray(e.weight)[:, None] > 0, 3, axis=1)
-        counted = (counts if e.directions is None else counts & e.directions).ravel()
-        if e.rotations is not None:
-            counted = np.concatenate([counted, e.rotations[e.rotations.any(axis=1)].ravel()])
+    for tie in mesh.averaging:
+        counts = np.repeat(np.asarray(tie.weight)[:, None] > 0, 3, axis=1)
+        counted = (counts if tie.directions is None else counts & tie.directions).ravel()
+        if tie.rotations is not None:
+            counted = np.concatenate([counted, tie.rotations[tie.rotations.any(axis=1)].ravel()])
         rows_of_mean, nodes_of_mean = (
-            rows.averaged(e)[counted],
-            np.repeat(np.concatenate([e.nodes, e.turned]), 3)[counted],
+            rows.averaged(tie)[counted],
+            np.repeat(np.concatenate([tie.nodes, tie.turned]), 3)[counted],
         )
         if unsupported[rows_of_mean].any():
             node = int(nodes_of_mean[np.argmax(unsupported[rows_of_mean])])
             raise DeckError(
-                f"{e} averages node {mesh.node_ids[node]}, which is connected to no element",
+                f"{tie} averages node {mesh.node_ids[node]}, which is connected to no element",
                 remedy="Remove the node from the averaging element, or connect the node to an element.",
-                entity=("tie", e.id),
+                entity=("tie", tie.id),
             )
     attached = {int(node) for node, _ in mesh.fixed}
     for point in mesh.point_masses:

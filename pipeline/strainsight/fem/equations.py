@@ -93,26 +93,26 @@ class Equations:
     by: dict[int, Tie] = field(default_factory=dict)
 
     def add(
-        self, mesh: Mesh, e: Tie, nodes: np.ndarray, rows: np.ndarray, columns: np.ndarray, values: np.ndarray
+        self, mesh: Mesh, tie: Tie, nodes: np.ndarray, rows: np.ndarray, columns: np.ndarray, values: np.ndarray
     ) -> None:
         """Make rows (m,), motions of nodes (m,), depend on columns (c,) with values (m, c).
 
         Raises DeckError for a row that is already dependent."""
         for row, node in zip(rows.tolist(), nodes.tolist(), strict=True):
-            self.claim(mesh, e, node, row)
+            self.claim(mesh, tie, node, row)
         self.entries.append((values, rows[:, None], columns))
 
-    def claim(self, mesh: Mesh, e: Tie, node: int, row: int) -> None:
+    def claim(self, mesh: Mesh, tie: Tie, node: int, row: int) -> None:
         """Register a row, a motion of a node, as dependent in a tie. Raises DeckError for a row that is already dependent."""
         if row in self.by:
             first = self.by[row]
-            at = mesh.where(*entity_of(first)) if str(first) == str(e) else None
+            at = mesh.where(*entity_of(first)) if str(first) == str(tie) else None
             raise DeckError(
-                f"node {mesh.node_ids[node]} is dependent in {first}{f' ({at})' if at else ''} and in {e}",
+                f"node {mesh.node_ids[node]} is dependent in {first}{f' ({at})' if at else ''} and in {tie}",
                 remedy="Remove the node from the dependent nodes of one of these two ties.",
-                entity=entity_of(e),
+                entity=entity_of(tie),
             )
-        self.by[row] = e
+        self.by[row] = tie
 
     def matrix(self) -> sparse.csr_array:
         """D (size, size) of z' = D z' on the dependent rows."""
@@ -143,16 +143,16 @@ def add_relations(mesh: Mesh, rows: MotionRows, dependencies: Equations) -> None
     leading = column == follower[of]
     first = np.zeros(len(mesh.relations))
     first[of[leading]] = c[leading]
-    for e, row, coefficient in zip(mesh.relations, follower.tolist(), first.tolist(), strict=True):
-        dependent_node, dependent_component = e.follower
+    for equation, row, coefficient in zip(mesh.relations, follower.tolist(), first.tolist(), strict=True):
+        dependent_node, dependent_component = equation.follower
         if coefficient == 0:
             raise DeckError(
-                f"the first term of {e}, component {dependent_component + 1} of node {mesh.node_ids[dependent_node]}, has the "
-                "coefficient 0, but the equation is solved for the first term",
+                f"the first term of {equation}, component {dependent_component + 1} of node {mesh.node_ids[dependent_node]}, "
+                "has the coefficient 0, but the equation is solved for the first term",
                 remedy="Put a term with a nonzero coefficient first.",
-                entity=entity_of(e),
+                entity=entity_of(equation),
             )
-        dependencies.claim(mesh, e, dependent_node, row)
+        dependencies.claim(mesh, equation, dependent_node, row)
     others = ~leading & (c != 0)
     dependencies.entries.append((-c[others] / first[of[others]], follower[of[others]], column[others]))
 
@@ -262,38 +262,38 @@ def _clear_rounding(values: np.ndarray, size: np.ndarray) -> np.ndarray:
     return np.where(np.abs(values) > ROUNDING * size, values, 0.0)
 
 
-def _add_rigid(mesh: Mesh, e: RigidElement, rows: MotionRows, dependencies: Equations) -> None:
-    nodes = np.asarray(e.nodes, dtype=np.int64)
-    if len(nodes) == 0 or e.reference in nodes:
+def _add_rigid(mesh: Mesh, tie: RigidElement, rows: MotionRows, dependencies: Equations) -> None:
+    nodes = np.asarray(tie.nodes, dtype=np.int64)
+    if len(nodes) == 0 or tie.reference in nodes:
         fault = "has no dependent nodes"
         if len(nodes):
-            fault = f"has the same node as reference and dependent node: {mesh.node_ids[e.reference]}"
+            fault = f"has the same node as reference and dependent node: {mesh.node_ids[tie.reference]}"
         remedy = "Specify at least one dependent node other than the reference node."
-        raise DeckError(f"{e} {fault}", remedy=remedy, entity=("tie", e.id))
-    arm = mesh.position[nodes] - mesh.position[e.reference]
+        raise DeckError(f"{tie} {fault}", remedy=remedy, entity=("tie", tie.id))
+    arm = mesh.position[nodes] - mesh.position[tie.reference]
     motion = np.zeros((len(nodes), 6, 6))
     motion[:, :3] = rigid_rows(arm)
     motion[:, 3:, 3:] = np.eye(3)
     if rows.axes:
-        reference = _six_axes(rows.axes_of(np.array([e.reference])))[0]
+        reference = _six_axes(rows.axes_of(np.array([tie.reference])))[0]
         motion = _six_axes(rows.axes_of(nodes)).swapaxes(1, 2) @ motion @ reference
     size = np.ones((len(nodes), 6, 6))
     size[:, :3, 3:] = np.linalg.norm(arm, axis=1)[:, None, None]
     motion = _clear_rounding(motion, size)
-    source = rows.of(np.full(6, e.reference), np.arange(6))
-    for component in sorted(set(e.components)):
+    source = rows.of(np.full(6, tie.reference), np.arange(6))
+    for component in sorted(set(tie.components)):
         dependent_rows = rows.of(nodes, component)
         existing = dependent_rows >= 0
-        dependencies.add(mesh, e, nodes[existing], dependent_rows[existing], source, motion[existing, component])
+        dependencies.add(mesh, tie, nodes[existing], dependent_rows[existing], source, motion[existing, component])
 
 
-def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, dependencies: Equations) -> None:
-    wanted = sorted(set(e.components))
-    mean, length = _mean_motion(mesh, e, rows, wanted)
-    reference_rows = rows.of(np.full(len(wanted), e.reference), np.array(wanted))
-    averaged = rows.averaged(e)
-    if e.dependent is None:
-        dependencies.add(mesh, e, np.full(len(wanted), e.reference), reference_rows, averaged, mean)
+def _add_averaging(mesh: Mesh, tie: AveragingElement, rows: MotionRows, dependencies: Equations) -> None:
+    wanted = sorted(set(tie.components))
+    mean, length = _mean_motion(mesh, tie, rows, wanted)
+    reference_rows = rows.of(np.full(len(wanted), tie.reference), np.array(wanted))
+    averaged = rows.averaged(tie)
+    if tie.dependent is None:
+        dependencies.add(mesh, tie, np.full(len(wanted), tie.reference), reference_rows, averaged, mean)
         return
     # C z' = 0 on the motions of the reference and the nodes, rotations times a length so that all entries are comparable
     columns, place = np.unique(np.concatenate([reference_rows, averaged]), return_inverse=True)
@@ -302,7 +302,7 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, dependenci
     scale = np.where(np.array(wanted) > 2, length, 1.0)
     unit = np.where(columns >= 3 * rows.nodes, length, 1.0)
     C *= scale[:, None] / unit
-    dependent = np.asarray(e.dependent, dtype=np.int64).reshape(-1, 2)
+    dependent = np.asarray(tie.dependent, dtype=np.int64).reshape(-1, 2)
     solved = rows.of(dependent[:, 0], dependent[:, 1])
     chosen = np.isin(columns, solved)
     A = C[:, np.searchsorted(columns, solved[np.isin(solved, columns)])]
@@ -310,55 +310,55 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, dependenci
     if not strength[-1] > LEAST_STRENGTH * np.linalg.norm(C, 2):
         named = ", ".join(f"{mesh.node_ids[node]} component {c + 1}" for node, c in dependent.tolist())
         raise DeckError(
-            f"the equations of {e} cannot be solved for its dependent motions (UM: node {named})",
+            f"the equations of {tie} cannot be solved for its dependent motions (UM: node {named})",
             remedy="Specify as many UM components as reference components, on nodes that do not lie on one line.",
-            entity=("tie", e.id),
+            entity=("tie", tie.id),
         )
     values = -np.linalg.solve(A, C[:, ~chosen])
     values = _clear_rounding(values, np.abs(values).max(axis=1, keepdims=True))
     values *= unit[~chosen] / unit[np.searchsorted(columns, solved)][:, None]
-    dependencies.add(mesh, e, dependent[:, 0], solved, columns[~chosen], values)
+    dependencies.add(mesh, tie, dependent[:, 0], solved, columns[~chosen], values)
 
 
 def _mean_motion(
-    mesh: Mesh, e: AveragingElement, rows: MotionRows, wanted: Collection[int]
+    mesh: Mesh, tie: AveragingElement, rows: MotionRows, wanted: Collection[int]
 ) -> tuple[np.ndarray, float]:
     """Wanted motions of the reference as means of `MotionRows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
-    nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
-    if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
+    nodes, w = np.asarray(tie.nodes, dtype=np.int64), np.asarray(tie.weight, dtype=float)
+    if len(nodes) == 0 or tie.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
         raise DeckError(
-            f"{e} has no averaged nodes, averages its own reference node, or has weights that are negative or all zero",
+            f"{tie} has no averaged nodes, averages its own reference node, or has weights that are negative or all zero",
             remedy="Specify averaged nodes other than the reference node, and weights ≥ 0 that are not all zero.",
-            entity=("tie", e.id),
+            entity=("tie", tie.id),
         )
-    arm = mesh.position[nodes] - mesh.position[e.reference]
+    arm = mesh.position[nodes] - mesh.position[tie.reference]
     length = float(np.linalg.norm(arm, axis=1).max()) or 1.0
     scale = np.array([1.0, 1.0, 1.0, length, length, length])
     R = rigid_rows(arm) / scale
     if rows.axes:
         R = rows.axes_of(nodes).swapaxes(1, 2) @ R
     weight = np.repeat(w[:, None] / w.sum(), 3, axis=1)
-    if e.directions is not None:
-        weight = weight * e.directions
-    if e.rotations is not None:
-        with_rotation = e.rotations.any(axis=1)
+    if tie.directions is not None:
+        weight = weight * tie.directions
+    if tie.rotations is not None:
+        with_rotation = tie.rotations.any(axis=1)
         mean_arm = float(np.linalg.norm(arm[np.unique(nodes, return_index=True)[1]], axis=1).mean()) or 1.0
         turn = np.zeros((np.count_nonzero(with_rotation), 3, 6))
         turn[:, :, 3:] = rows.axes_of(nodes[with_rotation]).swapaxes(1, 2) / length
         R = np.concatenate([R, turn])
         weight = np.concatenate(
-            [weight, (mean_arm**2 * w[with_rotation] / w.sum())[:, None] * e.rotations[with_rotation]]
+            [weight, (mean_arm**2 * w[with_rotation] / w.sum())[:, None] * tie.rotations[with_rotation]]
         )
     strength, V = np.linalg.eigh(np.einsum("kc,kci,kcj->ij", weight, R, R))
     determined = strength > LEAST_STRENGTH * strength[-1]
-    local = _six_axes(rows.axes_of(np.array([e.reference])))[0].T
+    local = _six_axes(rows.axes_of(np.array([tie.reference])))[0].T
     loose = np.abs((local @ V[:, ~determined])[list(wanted)]) > 1e-6
     if loose.any():
         motion = MOTIONS[list(wanted)[int(np.argmax(loose.any(axis=1)))]]
         raise DeckError(
-            f"the averaged nodes of {e} do not determine the {motion} of its reference node {mesh.node_ids[e.reference]}",
+            f"the averaged nodes of {tie} do not determine the {motion} of its reference node {mesh.node_ids[tie.reference]}",
             remedy="Add averaged nodes that do not lie on one line, or remove rotations from the reference components.",
-            entity=("tie", e.id),
+            entity=("tie", tie.id),
         )
     inverse = (V[:, determined] / strength[determined]) @ V[:, determined].T
     mean = np.einsum("ij,kc,kcj->ikc", local @ (inverse / scale[:, None]), weight, R).reshape(6, -1)[list(wanted)]

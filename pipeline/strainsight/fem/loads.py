@@ -214,7 +214,7 @@ def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, forces: NodalF
             remedy="Use another node or direction for the load: this node is clamped or belongs to no element.",
         )
     if len(fixed) == len(loaded) and forces.moment is None:
-        what = load.deck_load or load.node_set or "gravity or rotation"
+        what = load.deck_load or load.node_set or "gravity or rotation load"
         raise UserError(
             f"load {load.name} ({what}) acts only on nodes that cannot move in the direction of the load",
             remedy="Apply the load to other nodes: these nodes are clamped or belong to no element.",

@@ -117,7 +117,7 @@ def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
         first = _node_of(mesh, bodies, 0)
         raise UserError(
             f"the {bodies.count} parts of the structure move relative to each other: {separate.vectors.shape[1]} rigid-body "
-            f"motions instead of {together.vectors.shape[1]} of one piece. Motions relative to the part with node {first}: "
+            f"motions instead of {together.vectors.shape[1]} of a single part. Motions relative to the part with node {first}: "
             f"{_listed(separate.words)}",
             key="mesh.free",
             remedy="Tie the parts (mesh.ties) or merge coincident nodes (mesh.merge): a free structure must be one piece.",
@@ -189,12 +189,16 @@ def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_fi
     words: list[str] = []
     named = null @ _null_space(sparse.csr_array(null[:6])) if against_first else null
     for b in range(bodies):
-        where = "" if bodies == 1 else f" of the part with node {_node_of(mesh, pieces, b)}"
+        node = _node_of(mesh, pieces, b)
+        where = f" of the part with node {node}" if bodies > 1 else ""
         words += motion_words(named[6 * b : 6 * b + 6], centre[b], radius[b], where)
     column = null[6 * bodies :]
     if column.size and not words:
         loosest = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
-        words = [describe_row(mesh, constraint, int(row)) + _kind_of_tie(mesh, constraint, int(row)) for row in loosest]
+        words = [
+            f"{describe_row(mesh, constraint, row)} of {_kind_of_tie(mesh, constraint, row)}"
+            for row in loosest.tolist()
+        ]
     vectors = np.empty((len(free), null.shape[1]))
     vectors[inside] = moved @ null[: 6 * bodies]
     vectors[~inside] = null[6 * bodies :] / size[:, None]
@@ -207,8 +211,8 @@ def _kind_of_tie(mesh: Mesh, constraint: Constraint, row: int) -> str:
     owner = {at + k: node for node, at in constraint.reference_rows.items() for k in range(3)}
     node = owner.get(row, row // 3)
     if node in {*mesh.turned_by_springs.tolist()} - leads:
-        return " of a spring"
-    return " of a rigid element" if node in leads else " of a constraint equation (MPC)"
+        return "a spring"
+    return "a rigid element" if node in leads else "a constraint equation (MPC)"
 
 
 def _spring_elongations(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:

@@ -256,12 +256,12 @@ def check_support(model: FiniteElementModel, at: Mapping[str, float]) -> list[st
         )
     if len(model.mesh.fixed):
         return []
-    note = "the mesh has no supports; the structure is constrained by the matrices"
+    note = "the mesh needs no supports, because the imported stiffness matrix prevents all rigid-body motions"
     inertia = R.T @ (M @ R)
     if np.linalg.eigvalsh(inertia)[0] <= 0:
         return [note]
     softest = np.sqrt(eigh(resistance, inertia, eigvals_only=True)[0]) / (2 * np.pi)
-    return [f"{note} (lowest rigid-body frequency: {softest:.3g} Hz)"]
+    return [f"{note} (lowest frequency of these motions: {softest:.3g} Hz)"]
 
 
 def _rigid_motions(model: FiniteElementModel) -> np.ndarray:

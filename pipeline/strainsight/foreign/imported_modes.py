@@ -128,19 +128,20 @@ def check_modes(frequency: np.ndarray, where: tuple[str, ...]) -> None:
 def check_rows(mesh: Mesh, imported: ImportedMotion, rows: np.ndarray | None = None) -> None:
     """Raise UserError if the results lack one of these rows of z, by default those of surface nodes."""
     if rows is None:
-        lacking, what = unresolved_rows(mesh, imported, mesh.nodes_of_elements), "a node on the surface"
+        lacking, what = unresolved_rows(mesh, imported, mesh.nodes_of_elements), "surface node"
         if lacking.size:  # inside it does not matter
             facets = exterior_facets(mesh).nodes
             lacking = unresolved_rows(mesh, imported, np.unique(facets[facets >= 0]))
     else:
-        lacking, what = rows[~imported.known[rows]], "a node on which a load acts"
+        lacking, what = rows[~imported.known[rows]], "loaded node"
     if lacking.size:
         n = len(mesh.position)
         nodes = np.unique(mesh.node_ids[np.minimum(lacking, 3 * n - 1) // 3])
+        motion = describe_row(mesh, imported.constraint, int(lacking[0]))
         turned = ", rotations are missing" if mesh.thin and imported.known[: 3 * n].any() else ""
         raise UserError(
-            f"the results do not contain {describe_row(mesh, imported.constraint, int(lacking[0]))} "
-            f"({what}{turned}); results are missing at {len(nodes)} of {mesh.own_nodes} nodes of the mesh",
+            f"the results do not contain {motion} ({what}{turned}); results are missing at {len(nodes)} of "
+            f"{mesh.own_nodes} nodes of the mesh",
             key="mesh.results",
             remedy="use the mesh of the results, and export displacements of all nodes, with rotations for shells and beams",
         )
@@ -420,9 +421,10 @@ def describe_responses(
     notes = []
     without = [name for i, name in enumerate(names) if i not in results.load]
     if without:
+        modes = len(results.frequency)
         notes.append(
             f"the results have no static response to {', '.join(without)}. The strain under such a load lacks the part that "
-            f"modes 1 to {len(results.frequency)} do not represent"
+            f"modes 1 to {modes} do not represent"
         )
     if dropped:
         notes.append(

@@ -91,9 +91,10 @@ def check_supports(mesh: Mesh, imported: tuple[ImportedMotion, ImportedMotion]) 
     other = np.flatnonzero((fixed_rows[0] != fixed_rows[1]) & imported[0].known & imported[1].known)
     if other.size:
         which, free = ("first", "second") if fixed_rows[0][other[0]] else ("second", "first")
+        motion = describe_row(mesh, imported[0].constraint, int(other[0]))
         raise UserError(
-            f"{describe_row(mesh, imported[0].constraint, int(other[0]))} is fixed in the {which} result set, but not in the "
-            f"{free} result set (affected degrees of freedom: {other.size})",
+            f"{motion} is fixed in the {which} result set, but not in the {free} result set (affected degrees of freedom: "
+            f"{other.size})",
             key=KEY,
             remedy="compute both result sets with the same supports",
         )

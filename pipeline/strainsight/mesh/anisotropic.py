@@ -131,13 +131,13 @@ def stiffness_fault(C: FloatArray) -> tuple[str, str] | None:
 def general_fault(shell: GeneralShell) -> tuple[str, str] | None:
     """Fault of the stiffness of a shell of several materials, and the remedy: it must be positive definite in the membrane, in
     bending (if any), in both together, and in shear (if any)."""
-    parts = {"membrane": shell.membrane}
+    parts = {"membrane stiffness": shell.membrane}
     if shell.bending.any():
-        parts["bending"] = shell.bending
+        parts["bending stiffness"] = shell.bending
         both = [[shell.membrane, shell.coupling], [shell.coupling.T, shell.bending / 12]]
-        parts["membrane and bending"] = np.block(both)
+        parts["membrane and bending stiffness"] = np.block(both)
     if shell.shear.any() and np.isfinite(shell.shear).all():
-        parts["transverse shear"] = shell.shear
+        parts["transverse shear stiffness"] = shell.shear
     for name, C in parts.items():
         if fault := stiffness_fault(C):
             return f"{name}: {fault[0]}", fault[1]
@@ -155,7 +155,9 @@ class Layer:
     material: Annotated[
         int, Column("1", "", "material id of every layer, from ξ = −1 to ξ = 1 along the stacking direction")
     ]
-    thickness: Annotated[float, Column("1", "", "thickness of every layer in any unit: only ratios of layers count")]
+    thickness: Annotated[
+        float, Column("1", "", "relative thickness of every layer: only the ratios between layers count")
+    ]
     orientation: Orientation
 
 

@@ -76,7 +76,7 @@ def _shells(mesh: Mesh, block: CellBlock, assignments: Mapping[int, GivenSection
         return f"{block.kind} {block.ids[row]}"
 
     def fault(row: int, what: str, remedy: str) -> DeckError:
-        return element_error(block.ids[row], f"{called(row)} {what}", remedy)
+        return element_error(block.ids[row], f"{called(row)}: {what}", remedy)
 
     plate_normals(mesh.position[block.nodes[:, : CORNERS[block.nodes.shape[1]]]], fault, called, "tri3", notes)
     offset = np.array([assignments[region].offset for region in block.region.tolist()])

@@ -124,7 +124,8 @@ class Relation:
         ),
     ]
     value: Annotated[
-        FloatArray, Column("SI", "term", "coefficient of the term; in m for a rotation", offset="term_offset")
+        FloatArray,
+        Column("SI", "term", "coefficient of the term: 1 for a translation, m for a rotation", offset="term_offset"),
     ]
     name: Annotated[str, Column("1", "", "name of the constraint equation in the mesh file or config")] = ""
     yields: bool = False
@@ -204,7 +205,7 @@ class Springs:
         Column("1", "part", "component of the node motion: 0-2 translations, 3-5 rotations", offset="part_offset"),
     ]
     value: Annotated[
-        FloatArray, Column("SI", "part", "spring elongation per unit of the node motion", offset="part_offset")
+        FloatArray, Column("SI", "part", "spring elongation per m or rad of the node motion", offset="part_offset")
     ]
 
     @property

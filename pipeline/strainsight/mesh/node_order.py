@@ -87,7 +87,8 @@ def plate_normals(
     sides = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1)
     flat = ~(area > PARALLEL * sides**2)
     if flat.any():
-        raise fault(int(np.argmax(flat)), "has no area", "Correct the nodes of the element, or remove the element.")
+        remedy = "Correct the nodes of the element, or remove the element."
+        raise fault(int(np.argmax(flat)), "the element has no area", remedy)
     normal = across / area[:, None]
     if corners == 3:
         return normal
@@ -96,7 +97,7 @@ def plate_normals(
     if is_folded.any():
         raise fault(
             int(np.argmax(is_folded)),
-            "is folded, or has a corner of 180° or more",
+            "the element is folded, or has a corner of 180° or more",
             "List the nodes in order around the element, or split the element into triangles.",
         )
     height = 0.5 * np.abs(np.einsum("nc,nc->n", x[:, 1] - x[:, 0], normal))
@@ -105,7 +106,8 @@ def plate_normals(
     if warp[worst] > MOST_WARPED:
         raise fault(
             worst,
-            f"is warped: corners are {warp[worst]:.2g} of the mean diagonal off the mean plane (limit {MOST_WARPED:g})",
+            f"the element is warped: corners are {warp[worst]:.2g} of the mean diagonal off the mean plane (limit "
+            f"{MOST_WARPED:g})",
             f"Split the element into two triangles ({triangle}).",
         )
     if warp[worst] > WARPED:

@@ -43,7 +43,7 @@ def without_modulus(mesh: Mesh, region: int) -> str:
         return "a composite solid"
     if mesh.general_shell(region):
         return "a shell of several or anisotropic materials"
-    return "made of an anisotropic material" if mesh.anisotropic_of(region) else ""
+    return "a solid of an anisotropic material" if mesh.anisotropic_of(region) else ""
 
 
 def value_of(mesh: Mesh, region: int, property: str, material: int | str | None = None) -> float:

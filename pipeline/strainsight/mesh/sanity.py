@@ -307,19 +307,19 @@ def lost(card: str) -> str:
         return "the stiffness is that of the unloaded structure, without preload or initial stress"
     if card.startswith("ENFORCED DISPLACEMENT"):
         if card.endswith("DISPLACEMENT"):
-            return "nodes with an enforced displacement are free to move"
+            return "because of mesh.ignore, nodes with an enforced displacement are free to move; define loads on these nodes"
         return (
             "the enforced displacement is set to zero, as in a frequency analysis. If the test applies a force there, set "
             "mesh.ignore: [ENFORCED DISPLACEMENT]."
         )
     if card.endswith("INREL"):
-        return "set mesh.free: true for inertia relief"
+        return "the model has no inertia relief; if the structure is free, set mesh.free: true"
     if card.endswith("COUPMASS"):
         return (
             "the deck requests lumped mass, but models with shells and beams always use consistent mass, as with "
             "PARAM,COUPMASS,1. In two coarse tet10 meshes, consistent mass changed frequencies by 9 and 23 %."
         )
-    return "the stiffness, mass or tie of this card is missing from the model"
+    return "the model lacks the stiffness, mass or tie defined by the ignored card"
 
 
 def _ratio_warnings(mesh: Mesh, material: Material) -> list[str]:

@@ -75,11 +75,16 @@ class ShellSection:
     """Section of a homogeneous shell; bending is 12 I/t³ of a PSHELL, shear t_s/t of G t."""
 
     thickness: Annotated[float, Column("m", "", "thickness t")]
-    bending: Annotated[float, Column("1", "", "bending stiffness relative to a solid plate, 12 I/t³; 0: membrane")] = (
-        1.0
-    )
+    bending: Annotated[
+        float,
+        Column(
+            "1",
+            "",
+            "bending stiffness 12 I/t³ relative to a solid plate (I: second moment of area per width); 0: membrane",
+        ),
+    ] = 1.0
     shear: Annotated[
-        float, Column("1", "", "shear thickness relative to the thickness t; infinite: rigid in shear")
+        float, Column("1", "", "transverse shear thickness relative to the thickness t; infinite: rigid in shear")
     ] = 5 / 6
     nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
@@ -97,14 +102,30 @@ class GeneralShell:
     thickness: Annotated[float, Column("m", "", "thickness t")]
     membrane: Annotated[
         FloatArray,
-        Column("Pa", "3 × 3", "matrix M of the membrane forces t M ε, in the material axes, order xx yy xy, γ = 2ε"),
+        Column(
+            "Pa",
+            "3 × 3",
+            "matrix M of the membrane forces t M ε (ε: membrane strain), in the material axes, order xx yy xy, γ = 2ε",
+        ),
     ]
     coupling: Annotated[
-        FloatArray, Column("Pa", "3 × 3", "coupling matrix C of the membrane forces t² C κ and moments t² C ε")
+        FloatArray,
+        Column(
+            "Pa",
+            "3 × 3",
+            "coupling matrix C of the membrane forces t² C κ (κ: curvature) and the bending moments t² C ε",
+        ),
     ]
-    bending: Annotated[FloatArray, Column("Pa", "3 × 3", "matrix D of the bending moments t³/12 D κ; 0: membrane")]
+    bending: Annotated[
+        FloatArray, Column("Pa", "3 × 3", "matrix D of the bending moments t³/12 D κ (κ: curvature); 0: membrane")
+    ]
     shear: Annotated[
-        FloatArray, Column("Pa", "2 × 2", "matrix S of the transverse shear forces t S γ, order xz yz; infinite: rigid")
+        FloatArray,
+        Column(
+            "Pa",
+            "2 × 2",
+            "matrix S of the transverse shear forces t S γ (γ: shear strain), order xz yz; infinite: rigid",
+        ),
     ]
     density: Annotated[float, Column("kg/m^3", "", "density of the shell")]
     uniform: Annotated[bool, Column("1", "", "1 if membrane and bending have the same material and no coupling")]
@@ -167,7 +188,7 @@ class ShellBlock:
         Column(
             "1",
             "shell × 3",
-            "vector whose projection on the shell is the material x axis; NaN: first side of the shell",
+            "vector whose projection on the shell is the material x axis; NaN: the x axis is along the first side",
         ),
     ]
     on_faces: Annotated[
@@ -175,7 +196,7 @@ class ShellBlock:
         Column(
             "1",
             "shell with faces × 2 × node",
-            "indices of the added nodes on the upper and lower face of the shell; they move with its nodes (see /arms)",
+            "indices of the added nodes on the upper and lower face of the shell; they move rigidly with the nodes of the shell",
         ),
     ] = field(default_factory=lambda: np.zeros((0, 2, 0), dtype=np.int64))
 
@@ -214,7 +235,7 @@ class BeamBlock:
         Column(
             "1",
             "beam with sides × side × side node",
-            "indices of the added nodes on the four sides of the beam; they move with its nodes (see /arms); −1: none",
+            "indices of the added nodes on the four sides of the beam; they move rigidly with the nodes of the beam; −1: no node",
         ),
     ] = field(default_factory=lambda: np.zeros((0, 4, 4), dtype=np.int64))
 

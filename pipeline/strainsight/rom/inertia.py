@@ -31,7 +31,7 @@ class InertiaInvariants:
     first_modal: Annotated[
         np.ndarray,
         Column(
-            "kg per unit",
+            "kg per unit of coordinate",
             "3 × coordinate",
             f"first moment of mass of the deformation ∫ρ Φ dV in body axes, Φ: shapes {PER_UNIT}",
         ),
@@ -43,7 +43,7 @@ class InertiaInvariants:
     second_modal: Annotated[
         np.ndarray,
         Column(
-            "kg m per unit",
+            "kg m per unit of coordinate",
             "coordinate × 3 × 3",
             f"linear change ∫ρ (x φᵀ + φ xᵀ) dV of the second moment of mass in body axes, φ: shape {PER_UNIT}",
         ),
@@ -51,7 +51,7 @@ class InertiaInvariants:
     second_modal2: Annotated[
         np.ndarray,
         Column(
-            "kg per unit^2",
+            "kg per (unit of coordinate)^2",
             "coordinate × coordinate × 3 × 3",
             f"quadratic change ∫ρ φ_k φ_lᵀ dV of the second moment of mass in body axes, φ_k and φ_l: shapes {PER_UNIT}",
         ),
@@ -59,7 +59,7 @@ class InertiaInvariants:
     coupling: Annotated[
         np.ndarray,
         Column(
-            "kg m per unit",
+            "kg m per unit of coordinate",
             "3 × 3 × coordinate",
             f"inertia coupling ∫ρ x_j Φ dV of body rotation and deformation (j: body axis), Φ: shapes {PER_UNIT}",
         ),
@@ -67,14 +67,18 @@ class InertiaInvariants:
     coupling_modal: Annotated[
         np.ndarray,
         Column(
-            "kg per unit^2",
+            "kg per (unit of coordinate)^2",
             "coordinate × 3 × 3 × coordinate",
             f"change ∫ρ φ_kj Φ dV of the inertia coupling with coordinate k (j: body axis), φ_k and Φ: shapes {PER_UNIT}",
         ),
     ]
     modal: Annotated[
         np.ndarray,
-        Column("kg per unit^2", "coordinate × coordinate", f"reduced mass matrix ∫ρ ΦᵀΦ dV, Φ: shapes {PER_UNIT}"),
+        Column(
+            "kg per (unit of coordinate)^2",
+            "coordinate × coordinate",
+            f"reduced mass matrix ∫ρ ΦᵀΦ dV, Φ: shapes {PER_UNIT}",
+        ),
     ]
 
 

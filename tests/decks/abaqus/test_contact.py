@@ -48,7 +48,7 @@ def deck(upper: int, tie: str = "*TIE, NAME=T\nBOTTOM, TOP\n", gap: float = 0.0)
 def test_tied_matching_blocks_move_together(read):
     tied, loose = read(deck(1)), read(deck(1, tie=""))
     assert frequencies(tied, 10) == pytest.approx(frequencies(merged(loose, 1e-9), 10), rel=1e-9)
-    assert any("4 nodes of BOTTOM tied to TOP (*TIE T)" in note for note in tied.notes)
+    assert any("4 of 4 nodes of surface BOTTOM are tied to surface TOP (*TIE T)" in note for note in tied.notes)
     assert tied.where("relation", 1).endswith(str(deck(1).splitlines().index("BOTTOM, TOP") + 1))
 
 
@@ -66,7 +66,7 @@ def test_nodes_outside_tie_tolerance_are_noted(read):
     with pytest.raises(DeckError, match=r"is farther than .* from the surface"):
         read(deck(2, gap=0.1))
     mesh = read(deck(2).replace("BOTTOM\nBOTTOMS, S1", "BOTTOM, TYPE=NODE\nUPPER0\nUPPER1"))
-    said = [text for text in mesh.doubts if "9 of 18 nodes not tied, because farther than" in text]
+    said = [text for text in mesh.doubts if "9 of 18 nodes of surface" in text]
     assert len(said) == 1
     assert "POSITION TOLERANCE" in said[0]
     assert "mesh.ties" in said[0]
@@ -164,7 +164,8 @@ def test_tied_contact_is_always_bonded(read, choice, text):
 def test_only_touching_nodes_are_bonded(read):
     apart = read(deck(2, contact(), gap=0.2), contact="bonded")
     assert apart.relations == ()
-    assert "0 of 9 nodes of BOTTOM bonded (mesh.contact: bonded), 9 nodes not bonded, because farther than" in apart.contacts[0]
+    expected = "0 of 9 nodes of BOTTOM are bonded (mesh.contact: bonded); nodes not bonded because they are farther than"
+    assert expected in apart.contacts[0]
     adjusted = read(deck(2, contact(SOFT, ", ADJUST=0.3"), gap=0.2), contact="bonded")
     assert len(adjusted.relations) == 27
 
@@ -173,8 +174,8 @@ def test_reversed_pair_is_bonded_once(read):
     mesh = read(deck(2, contact() + "TOP, BOTTOM\n"), contact="bonded")
     assert frequencies(mesh, 10) == pytest.approx(frequencies(read(deck(2)), 10), rel=1e-12)
     itself = read(deck(2, contact().replace("BOTTOM, TOP", "TOP, TOP")), contact="bonded")
-    assert mesh.contacts[1] == "contact of TOP on BOTTOM: already included in the contact of BOTTOM on TOP"
-    because = "contact of TOP on TOP: open, because a surface cannot be bonded to itself"
+    assert mesh.contacts[1] == "contact of TOP on BOTTOM: this contact is already included in the contact of BOTTOM on TOP"
+    because = "contact of TOP on TOP: the contact is open, because a surface cannot be bonded to itself"
     assert (itself.relations, itself.contacts) == ((), (because,))
 
 
@@ -182,7 +183,7 @@ def test_reversed_pair_is_bonded_once(read):
 def test_mutual_contact_is_not_circular(read, first):
     again = "*SURFACE, NAME=BELOW\nTOPS, S2\n*SURFACE, NAME=ABOVE\nBOTTOMS, S1\n"
     mesh = read(deck(2, again + first + contact()), contact="bonded")
-    expected = "contact of BOTTOM on TOP: 5 of 9 nodes of BOTTOM bonded (mesh.contact: bonded), 4 nodes not bonded, "
+    expected = "contact of BOTTOM on TOP: 5 of 9 nodes of BOTTOM are bonded (mesh.contact: bonded); nodes not bonded "
     assert mesh.contacts[-1].startswith(expected + "because nodes of")
     assert frequencies(mesh, 10) == pytest.approx(frequencies(read(deck(2)), 10), rel=1e-12)
 

@@ -181,8 +181,8 @@ def test_unsupported_shell_keywords_are_listed(read):
 
 
 test_errors_have_file_and_line = refusal_table(changed, [
-    ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
-    ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
+    ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10: the element (has no area|is folded)", 8),
+    ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11: the element has no area", 10),
     ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 such element in total\)", 8),
     (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has a separate orientation 'SKEW', which is not supported", 17),
     (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),

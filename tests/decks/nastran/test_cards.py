@@ -212,7 +212,7 @@ test_a_line_that_cannot_be_taken_is_named = refusal_table(str, [
     ("+,1,2\n", "the continuation has no preceding card", 1),
     ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
     ("=,*1,=\n", "which must have exactly one line", 1),
-    ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
+    ("SET3,1,GRID\n=,*1,*1\n", "cannot be added to 'GRID'", 2),
     ("GRID,1\n=,*1,==\n=9\n=999999\n", "number of replicated cards to 1000009", 4),
     ("SOL 103\nCEND\nGRID,1\n", "found 'SOL 103', but BEGIN BULK is missing", 1),
     ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),

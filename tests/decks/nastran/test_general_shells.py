@@ -152,10 +152,10 @@ def test_general_shell_survives_units_and_records(read):
 
 test_errors_have_remedy = refusal_table(lambda cards: SKEW + cards, [
     ("PSHELL,1,1,.1,,,2\n" + mat2(1, Q) + mat2(2, np.eye(2)), "MID3 requires MID2"),
-    ("PSHELL,1,1,.1,1,,2\n,,,3\n" + mat2(1, Q) + mat2(2, np.eye(2)) + mat2(3, Q), "and bending: .* is not positive"),
+    ("PSHELL,1,1,.1,1,,2\n,,,3\n" + mat2(1, Q) + mat2(2, np.eye(2)) + mat2(3, Q), "and bending stiffness: .* is not positive"),
     (
         "PSHELL,1,1,.1\n" + mat2(1, np.diag([1.0, 1, 0])),
-        "membrane: the stiffness matrix is not positive definite: diagonal entry 3",
+        "membrane stiffness: the stiffness matrix is not positive definite: diagonal entry 3",
     ),
-    ("PSHELL,1,1,.1,1,,2\n" + mat2(1, Q) + mat2(2, [[1.0, 2.0], [2.0, 1.0]]), "transverse shear: .* eigenvalue is -1"),
+    ("PSHELL,1,1,.1,1,,2\n" + mat2(1, Q) + mat2(2, [[1.0, 2.0], [2.0, 1.0]]), "transverse shear stiffness: .* eigenvalue is -1"),
 ], placed=False)

@@ -50,7 +50,7 @@ def test_case_control_selects_support_set(read, tetrahedron):
     bulk += "ENDDATA\n"
     assert pairs(read(f"SPC = 2\nBEGIN BULK\n{bulk}")) == {(3, 2)}
     assert pairs(read(f"CEND\nspc=9\nSPCFORCES = ALL\nBEGIN BULK\n{bulk}")) == {(3, 0), (3, 2)}
-    assert read(f"SPC = 1\nBEGIN BULK\n{bulk}").ignored == {"SPC1 of a set that is not selected": 2}
+    assert read(f"SPC = 1\nBEGIN BULK\n{bulk}").ignored == {"SPC1 of a support set that is not selected": 2}
 
 
 def test_config_selects_support_set(read, tetrahedron):
@@ -180,7 +180,7 @@ RELATIONS = "MPC,3,1,1,1.,2,1,-1.\nMPC,4,1,2,1.,2,2,-1.\nMPCADD,5,3,4\n"
 )
 def test_case_control_selects_mpc_set(read, tetrahedron, head, left, taken):
     mesh = read((f"{head}BEGIN BULK\n" if head else "") + tetrahedron + RELATIONS + "ENDDATA\n")
-    assert mesh.ignored == {f"{name} of a set that is not selected": n for name, n in left.items()}
+    assert mesh.ignored == {f"{name} of an MPC set that is not selected": n for name, n in left.items()}
     assert [[*e.node.tolist(), int(e.component[0])] for e in mesh.relations] == taken
     assert all(e.value.tolist() == [1.0, -1.0] for e in mesh.relations)
 

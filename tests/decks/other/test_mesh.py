@@ -67,7 +67,7 @@ def test_mirrored_wedges_are_corrected(tmp_path, kind):
     grid(kind, nodes_of(kind)).save(tmp_path / "part.vtu")
     mesh = read_meshio(tmp_path / "part.vtu")
     check_element(mesh, kind)
-    assert f"{kind} elements had a left-handed node order in the file (format vtu); corrected" in mesh.notes
+    assert f"{kind} elements had a left-handed node order in the file (format vtu); the node order is corrected" in mesh.notes
 
 
 @pytest.mark.parametrize("mirrored", [True, False], ids=["as Salome writes", "as meshio writes"])

@@ -11,7 +11,6 @@ import numpy as np
 from strainsight.decks.abaqus.surfaces import Surface, Surfaces
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.abaqus.ties import TOLERANCE, facet_size, following
-from strainsight.decks.faults import plural
 from strainsight.decks.text import parse_real
 from strainsight.errors import ContactError, UserError
 from strainsight.mesh.model import IntArray, Mesh
@@ -76,13 +75,15 @@ def with_contact(
             if not out and other.first is pair.second and other.second is pair.first
         ]
         if removed_pairs[i]:
-            words = "open, because *MODEL CHANGE removes this pair"
+            words = "the contact is open, because *MODEL CHANGE removes this pair"
         elif any(other.tied or not pair.tied for other in reversed_pairs):
-            words = f"already included in the contact of {reversed_pairs[0]}"
+            words = f"this contact is already included in the contact of {reversed_pairs[0]}"
         elif pair.tied or choice == "bonded":
             mesh, words = _bond(mesh, pair)
         else:
-            words = "open (mesh.contact): the surfaces are not connected, even if they press on each other"
+            words = (
+                "the contact is open (mesh.contact): the surfaces are not connected, even if they press on each other"
+            )
         sentences.append(f"contact of {pair}: {words}")
     return replace(mesh, contacts=tuple(sentences))
 
@@ -111,7 +112,7 @@ def _tying_interactions(keywords: Sequence[Keyword]) -> set[str]:
 def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     """Mesh with a bonded pair, and a sentence on the result."""
     if pair.first is pair.second:
-        return mesh, "open, because a surface cannot be bonded to itself"
+        return mesh, "the contact is open, because a surface cannot be bonded to itself"
     nodes = np.setdiff1d(pair.first.nodes, pair.second.nodes)
     shared = len(pair.first.nodes) - len(nodes)
     if not len(nodes):
@@ -137,27 +138,24 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     except UserError:
         tied = 0
     other = pair.second.name
-    left = [f"{plural(shared, 'node')} not bonded, because they belong to both surfaces"] if shared else []
-    dependent = f"{plural(len(nodes) - len(free), 'node')} not bonded, because dependent in another tie or contact"
-    left += [dependent] if len(free) < len(nodes) else []
-    leading = f"{plural(len(free) - len(able), 'node')} not bonded, because nodes of {other} are tied to them"
-    left += [leading] if len(able) < len(free) else []
-    far = (
-        f"{plural(len(able) - tied, 'node')} not bonded, because farther than {within:.3g} length units of the deck "
-        f"from {other}"
-    )
-    left += [far] if tied < len(able) else []
+    reasons = {
+        "they belong to both surfaces": shared,
+        "they are dependent in another tie or contact": len(nodes) - len(free),
+        f"nodes of {other} are tied to them": len(free) - len(able),
+        f"they are farther than {within:.3g} length units of the deck from {other}": len(able) - tied,
+    }
+    left = [f"nodes not bonded because {reason}: {count}" for reason, count in reasons.items() if count]
     second_size = facet_size(mesh, pair.second, pair.first)
     if tied and second_size is not None and second_size > COARSER * size:
         left += [
-            f"some nodes of {other} not bonded, because {other} has the finer mesh: write {other} first in this *CONTACT PAIR"
+            f"some nodes of {other} are not bonded, because {other} has the finer mesh: write {other} first in this *CONTACT PAIR"
         ]
     how = "TIED in the deck" if pair.tied else "mesh.contact: bonded"
     bound = "" if pair.tied or not tied else "; the model is too stiff where the contact may open or slide"
     count = len(pair.first.nodes)
     return (
         mesh,
-        f"{tied} of {count} nodes of {pair.first.name} bonded ({how}){''.join(f', {part}' for part in left)}{bound}",
+        f"{tied} of {count} nodes of {pair.first.name} are bonded ({how}){''.join(f'; {part}' for part in left)}{bound}",
     )
 
 

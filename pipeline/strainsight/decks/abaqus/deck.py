@@ -72,7 +72,10 @@ OF_CONTACT = re.compile(
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
-    "PARAMETER": ("named variables are not supported", "write a number instead of each <name>, and remove *PARAMETER"),
+    "PARAMETER": (
+        "named variables are not supported",
+        "write a number instead of each <name>, and remove *PARAMETER",
+    ),
     "MANIFEST": ("an assembly of several decks (*MANIFEST) is not supported", "export the complete model as one deck"),
 }
 
@@ -261,7 +264,7 @@ def _nodes_with_normals(keywords: Sequence[Keyword]) -> int:
 def _note_reinterpreted(assembly: Assembly) -> list[str]:
     how = {type_: (kind.name, note) for type_, (kind, note) in SOLIDS.items()} | THIN
     return [
-        f"{count} {type_} element{'s' * (count > 1)} imported as {kind} {note}"
+        f"{count} {type_} element{'s' * (count > 1)} imported as {kind}: {note}"
         for type_, count in sorted(Counter(assembly.type).items())
         for kind, note in [how.get(type_, ("", ""))]
         if note

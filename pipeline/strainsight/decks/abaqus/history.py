@@ -266,8 +266,8 @@ def _fixed_components(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
                 f"write degrees of freedom from 1 to 6, or one of {', '.join(TYPES)}",
             )
         return TYPES[label]
-    first = row.integer(1, "the first degree of freedom")
-    last = row.integer(2, "the last degree of freedom", first) or first
+    first = row.integer(1, "the first degree of freedom of the support")
+    last = row.integer(2, "the last degree of freedom of the support", first) or first
     if last < first or (first < 1 and last != 0):
         raise row.error(
             f"the range of degrees of freedom {first} to {last} is not valid",

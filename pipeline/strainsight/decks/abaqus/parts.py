@@ -19,10 +19,10 @@ from strainsight.mesh.thin import concatenate
 SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.items()}
 """Type → kind of element, and note on its import. Nodes have the order of VTK in all types."""
 USUAL = ", ".join(next(iter(kind.abaqus)) for kind in ELEMENTS if kind.abaqus)
-REDUCED = "with full integration: reduced integration and hourglass control are not reproduced"
+REDUCED = "the element has full integration, without hourglass control"
 SHELLS = {
     **dict.fromkeys(("S3", "S3R"), ("tri3", "")),
-    "STRI3": ("tri3", "with transverse shear deformation"),
+    "STRI3": ("tri3", "the element has transverse shear deformation"),
     "S4": ("quad4", ""),
     **dict.fromkeys(("S4R", "S4R5"), ("quad4", REDUCED)),
     **dict.fromkeys(("STRI65", "S6"), ("tri6", "")),
@@ -134,8 +134,8 @@ def _invalid_id_error(keyword: Keyword) -> DeckError:
         tokens = keyword.texts[row.i].rstrip(", \t").split(",")
         for number, token in enumerate(map(str.strip, tokens), start=1):
             if parse_integer(token) is None:
-                fault = describe_non_integer(token)
-                return row.error(f"entry {number} {fault}", "write element id and node ids as integers")
+                fault = describe_non_integer(f"entry {number} of the line", token)
+                return row.error(fault, "write element id and node ids as integers")
     raise AssertionError("internal error: the entry that is not an integer was not found")
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, read_part
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.faults import entity_error, plural
+from strainsight.decks.faults import entity_error
 from strainsight.decks.text import describe_non_integer, is_whole, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import rotation
@@ -182,7 +182,7 @@ class Assembly:
     def element_error(self, row: int, what: str, remedy: str) -> DeckError:
         """A DeckError at an element."""
         number = int(self.element_ids[row])
-        return entity_error("element", number, f"{self.element(row)} {what}", remedy, lambda *_: self.where(row))
+        return entity_error("element", number, what, remedy, lambda *_: self.where(row))
 
     def name_of(self, rows: IntArray) -> Callable[[int], str]:
         """Index of an element in `rows` → `element`."""
@@ -190,7 +190,7 @@ class Assembly:
 
     def error_of(self, rows: IntArray) -> Callable[[int, str, str], DeckError]:
         """Index of an element in `rows` → `element_error`."""
-        return lambda i, what, remedy: self.element_error(int(rows[i]), what, remedy)
+        return lambda i, what, remedy: self.element_error(int(rows[i]), f"{self.element(int(rows[i]))}: {what}", remedy)
 
     @property
     def flat(self) -> bool:
@@ -265,8 +265,7 @@ class Assembly:
         within, name = self.split_name(entry, scope)
         number = parse_integer(name)
         if number is None and is_whole(name):
-            fault = describe_non_integer(name)
-            raise row.error(f"the {kind.lower()} id {fault}")
+            raise row.error(describe_non_integer(f"the {kind.lower()} id", name))
         if number is not None:
             rows, missing = self._numbered(kind, np.array([number]), within)
             if missing[0]:
@@ -356,7 +355,8 @@ class Assembly:
             lost += (high - low) // step + 1 - within.size
             parts.append(self._numbered(kind, within, scope)[0])
         if lost:
-            sentence = f"{keyword.where}: {keyword.title}, GENERATE contains {plural(lost, 'id')} missing in the deck"
+            what = f"ids of {keyword.title}, GENERATE that are not in the deck are left out ({lost} in total)"
+            sentence = f"{keyword.where}: {what}"
             self.notes += [sentence] if sentence not in self.notes else []
         return np.concatenate(parts)
 

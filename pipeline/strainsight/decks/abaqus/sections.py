@@ -197,9 +197,10 @@ def _handle_without_section(
     without = np.setdiff1d(np.flatnonzero((family != "") & (sections.region == 0)), left)
     solid = without[family[without] == "solid"]
     if solid.size and materials_required:
+        row = int(solid[0])
         raise assembly.element_error(
-            int(solid[0]),
-            f"has no section ({plural(solid.size, 'such element')} in total)",
+            row,
+            f"{assembly.element(row)} has no section ({plural(solid.size, 'such element')} in total)",
             f"add a *SOLID SECTION for the element set of these elements, with a material{OR_CONFIG}",
         )
     if solid.size:
@@ -211,7 +212,7 @@ def _handle_without_section(
         row = int(thin[0])
         raise assembly.element_error(
             row,
-            f"has no section ({plural(thin.size, 'such element')} in total)",
+            f"{assembly.element(row)} has no section ({plural(thin.size, 'such element')} in total)",
             f"add a {WANTED[str(family[row])]} for the element set of these elements, or leave these elements out (mesh.ignore: "
             f"[{assembly.type[row]}])",
         )
@@ -235,9 +236,10 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
             continue
         nodes = assembly.connectivity(rows, range(NODES[kind]))
         if (at := find_repeated_node(nodes)) is not None:
+            row = int(rows[at])
             raise assembly.element_error(
-                int(rows[at]),
-                "has the same node twice",
+                row,
+                f"{assembly.element(row)} has the same node twice",
                 "replace a collapsed quadrilateral by an S3; remove other elements with a repeated node",
             )
         plate_normals(
@@ -277,9 +279,9 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
         nodes = assembly.connectivity(rows, IN_ORDER[kind])
         x = np.diff(assembly.position[nodes[:, :2]], axis=1)[:, 0]
         if (short := ~(np.linalg.norm(x, axis=1) > APART * extent)).any():
-            raise assembly.element_error(
-                int(rows[np.argmax(short)]), "has no length: its nodes coincide", "move a node, or remove the element"
-            )
+            row = int(rows[np.argmax(short)])
+            what = f"{assembly.element(row)} has no length: its nodes coincide"
+            raise assembly.element_error(row, what, "move a node, or remove the element")
         region = sections.region[rows]
         v = (
             np.eye(3)[np.argmin(np.abs(x), axis=1)]
@@ -290,9 +292,10 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
         if lost.any():
             at = int(np.argmax(lost))
             n1 = ", ".join(f"{c:g}" for c in v[at])
+            row = int(rows[at])
             raise assembly.element_error(
-                int(rows[at]),
-                f"is parallel to the first axis n1 ({n1}) of its section",
+                row,
+                f"{assembly.element(row)} is parallel to the first axis n1 ({n1}) of its section",
                 "specify n1, a direction across the beam, on the line after the section dimensions; the default is 0, 0, -1",
             )
         place = np.array([sections.offset[number] for number in region.tolist()])
@@ -319,15 +322,14 @@ def _check_count(assembly: Assembly, rows: IntArray, order: tuple[int, ...]) -> 
             count, more = ("two", "third") if len(order) == 2 else ("three", "fourth")
             raise assembly.element_error(
                 row,
-                f"has {len(nodes)} nodes",
+                f"{assembly.element(row)} has {len(nodes)} nodes",
                 f"specify {count} nodes" + ("" if truss else f", and optionally a {more} node that defines n1"),
             )
         if nodes.min() < 0:
             i = int(np.argmin(nodes)) + 1
+            what = f"a node that is not in the deck (position {i} in the node list of the element)"
             raise assembly.element_error(
-                row,
-                f"refers to a node that is not in the deck (position {i} in the node list of the element)",
-                "add the node, or correct the id",
+                row, f"{assembly.element(row)} refers to {what}", "add the node, or correct the id"
             )
 
 

@@ -113,7 +113,7 @@ def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterat
         parameters, remedy = REFUSED[name]
         for parameter in parameters:
             if keyword.parameters.get(parameter) is not None:
-                raise keyword.error(f"{parameter} is not supported", remedy)
+                raise keyword.error(f"the parameter {parameter} is not supported", remedy)
         if keyword.word("TYPE", "ISOTROPIC") not in ("ISOTROPIC", ""):
             raise keyword.error("anisotropic masses are not supported", "set TYPE=ISOTROPIC, and write one mass")
         rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
@@ -128,7 +128,7 @@ def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterat
         if row not in keyword_of_row:
             title = "ROTARY INERTIA" if name == "ROTARYINERTIA" else name
             remedy = f"add *{title}, or leave these elements out (mesh.ignore: [{assembly.type[row]}])"
-            raise assembly.element_error(row, f"has no *{title}", remedy)
+            raise assembly.element_error(row, f"{assembly.element(row)} has no *{title}", remedy)
         yield row, keyword_of_row[row]
 
 
@@ -137,13 +137,13 @@ def _node_of(assembly: Assembly, row: int, rotations: Mapping[int, int]) -> int:
     if len(nodes) != 1 or nodes[0] < 0:
         raise assembly.element_error(
             row,
-            "must have exactly one node, and this node must be in the deck",
+            f"{assembly.element(row)} must have exactly one node, and this node must be in the deck",
             "write the element id and one existing node id",
         )
     if int(nodes[0]) in rotations:
         raise assembly.element_error(
             row,
-            f"refers to node {assembly.node_ids[nodes[0]]}, the ROT NODE of a *RIGID BODY",
+            f"{assembly.element(row)} refers to node {assembly.node_ids[nodes[0]]}, the ROT NODE of a *RIGID BODY",
             f"replace this node by the REF NODE {assembly.node_ids[rotations[int(nodes[0])]]} of this body",
         )
     return int(nodes[0])
@@ -155,8 +155,8 @@ def component_range(rows: list[Row], start: int) -> tuple[int, ...]:
     for row in rows:
         if not row.text(start):
             return tuple(range(6))
-        first = row.integer(start, "the first degree of freedom")
-        last = row.integer(start + 1, "the last degree of freedom", first) or first
+        first = row.integer(start, "the first tied degree of freedom")
+        last = row.integer(start + 1, "the last tied degree of freedom", first) or first
         if not 1 <= first <= last <= 6:
             raise row.error(
                 f"the range of degrees of freedom {first} to {last} is not valid",
@@ -184,7 +184,8 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
         kind, nodes = assembly.type[row], assembly.nodes_of(row).tolist()
         if len(nodes) != NODES[kind] or min(nodes) < 0:
             remedy = f"write {NODES[kind]} existing node ids, or leave these elements out (mesh.ignore: [{kind}])"
-            raise assembly.element_error(row, "has a wrong number of nodes, or a node that is not in the deck", remedy)
+            what = f"{assembly.element(row)} has a wrong number of nodes, or a node that is not in the deck"
+            raise assembly.element_error(row, what, remedy)
         lines = keyword.rows()
         if kind == "SPRINGA":
             along = assembly.position[nodes[1]] - assembly.position[nodes[0]]
@@ -261,7 +262,7 @@ def equations(assembly: Assembly, rotations: Mapping[int, int], still: Collectio
                 "remove the parameter; the right-hand side of equations must be zero",
             )
         for start, entries in _equations(keyword):
-            if all(row.integer(at + 1, "the degree of freedom") in (0, 8, 11) for row, at in entries):
+            if all(row.integer(at + 1, "the degree of freedom of a term") in (0, 8, 11) for row, at in entries):
                 assembly.notes.append(f"{start.where}: the equation of temperatures or pressures is left out")
                 continue
             terms = [_term(assembly, scope, *entry) for entry in entries]

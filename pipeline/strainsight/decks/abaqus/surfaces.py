@@ -92,7 +92,7 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
         name = keyword.needs("NAME")
         parts = gathered.setdefault((scope.name.upper(), name.upper()), _Parts(name, scope))
         if not keyword.texts:
-            assembly.notes.append(f"{keyword.where}: surface {name} is empty")
+            assembly.notes.append(f"{keyword.where}: surface {name} has no data lines, so it is empty")
         for row in keyword.rows(needed=False):
             if kind == "NODE":
                 nodes = assembly.node_rows(row.text(0), scope, row)

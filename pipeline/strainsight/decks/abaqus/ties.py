@@ -13,7 +13,7 @@ from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.supports import component_range
 from strainsight.decks.abaqus.surfaces import Surface, Surfaces
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.faults import Doubt, plural
+from strainsight.decks.faults import Doubt
 from strainsight.decks.text import parse_integer
 from strainsight.errors import UserError
 from strainsight.mesh.cyclic import Ring, whole_ring
@@ -255,16 +255,17 @@ def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, 
                 refused.setdefault(OF_THIN, []).append(row.where)
                 continue
             within = keyword.number("POSITION TOLERANCE", TOLERANCE * size, "specify a distance")
-            name = f"*TIE {keyword.parameters.get('NAME', '')}".strip()
+            tie = f"*TIE {keyword.parameters.get('NAME', '')}".strip()
             try:
-                mesh, tied = following(mesh, row, first.nodes, second.nodes, within, name)
+                mesh, tied = following(mesh, row, first.nodes, second.nodes, within, tie)
             except UserError as error:
                 raise row.error(error.what, error.remedy or "") from None
-            untied = len(np.setdiff1d(first.nodes, second.nodes)) - tied
-            message = f"{row.where}: {plural(tied, 'node')} of {first.name} tied to {second.name} ({name})"
-            if untied:
+            count = len(np.setdiff1d(first.nodes, second.nodes))
+            pair = f"surface {first.name} are tied to surface {second.name}"
+            message = f"{row.where}: {tied} of {count} nodes of {pair} ({tie})"
+            if tied < count:
                 reach = f"{within:.3g} length units of the deck from {second.name}"
-                off = f"{untied} of {tied + untied} nodes not tied, because farther than {reach}"
+                off = f"the other nodes are not tied, because they are farther than {reach}"
                 ways = "increase POSITION TOLERANCE of *TIE, or tie the nodes in the config (mesh.ties, type: surface)"
                 message = Doubt(f"{message}; {off}: {ways}")
             assembly.notes.append(message)
@@ -383,8 +384,8 @@ def _with_loose(ring: Ring, cuts: list[tuple[Row, Surface, Surface]], assembly: 
             raise row.error(error.what, error.remedy or "") from None
         if tied < len(nodes):
             off = (
-                f"{plural(len(nodes) - tied, 'node')} of sector faces not tied, because farther than {within:.3g} length units "
-                f"of the deck from {other.name} of the next sector"
+                f"{len(nodes) - tied} of {len(nodes)} nodes of the sector face are not tied, because they are farther than "
+                f"{within:.3g} length units of the deck from {other.name} of the next sector"
             )
             assembly.notes.append(
                 Doubt(f"{row.where}: {off}: check the number of sectors N, and the mesh at the sector faces")

@@ -125,7 +125,8 @@ def _released_components(card: Card, end: int) -> list[int]:
     pins = components(text, card)
     if len(pins) > 5:
         raise card.error(
-            f"all components of end {'AB'[end]} are released", f"remove at least one component from P{'AB'[end]}"
+            f"pin flags P{'AB'[end]}: all components of end {'AB'[end]} are released",
+            f"remove at least one component from P{'AB'[end]}",
         )
     return list(pins)
 

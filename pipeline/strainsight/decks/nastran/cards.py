@@ -54,7 +54,7 @@ def expand_fields(fields: Sequence[str], pattern: Sequence[str], line: Line) -> 
     return result
 
 
-def _sum(before: str, step: str, what: str, line: Line) -> str:
+def _sum(before: str, step: str, entry: str, line: Line) -> str:
     before = before or "0"
     whole, more = parse_integer(before), parse_integer(step)
     if whole is not None and more is not None:
@@ -62,7 +62,8 @@ def _sum(before: str, step: str, what: str, line: Line) -> str:
     x, h = parse_real(before), parse_real(step)
     if x is None or h is None:
         raise line.error(
-            f"{what} adds {step!r} to {before!r}, but both must be numbers", "write this card in full, without = and *"
+            f"the increment {step!r} of {entry} cannot be added to {before!r}: both must be numbers",
+            "write this card in full, without = and *",
         )
     return repr(x + h)
 

@@ -66,7 +66,7 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
 def _id(word: str, where: str) -> int:
     value = parse_integer(word)
     if value is None or value < 1:
-        what = f"an id {describe_non_integer(word)}" if value is None and is_whole(word) else f"{word!r} is not an id"
+        what = describe_non_integer("an id", word) if value is None and is_whole(word) else f"{word!r} is not an id"
         raise error_at(where, what, "use positive integers, and ranges first THRU last")
     return value
 
@@ -193,13 +193,15 @@ class CardSets:
 
 def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) -> CardSets:
     """The sets on cards of these names. Raises DeckError for a combined set with a missing member."""
-    single = {card.integer(0, "the set id") for card in deck.cards.of(*names)}
+    single = {card.integer(0, f"the {what} set id") for card in deck.cards.of(*names)}
     combined: dict[int, set[int]] = {}
     for card in deck.cards.of(f"{what}ADD"):
-        number = card.integer(0, "the set id")
+        number = card.integer(0, f"the {what}ADD set id")
         if number in combined:
             raise card.error(f"set id {number} is used twice", f"use a unique id for every {what}ADD")
-        combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
+        combined[number] = {
+            card.integer(1 + i, f"the {what} set id") for i, token in enumerate(card.tokens[1:]) if token
+        }
         if (lost := combined[number] - single) and not left_out:
             raise card.error(
                 f"{what}ADD refers to set {min(lost)}, which has no {' or '.join(names)} card",

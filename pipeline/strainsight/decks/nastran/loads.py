@@ -106,7 +106,7 @@ def _pressed_facets(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
 
 
 def _set(card: Card) -> int:
-    return card.integer(0, "the set id")
+    return card.integer(0, "the load set id")
 
 
 def _pressures_along(card: Card, grids: Grids) -> tuple[CoordinateSystem, tuple[float, float, float]] | None:
@@ -278,7 +278,7 @@ def static_loads(
     sets: dict[int, LoadSet] = {}
 
     def of(card: Card) -> LoadSet:
-        load_set = sets.setdefault(card.integer(0, "the set id"), LoadSet())
+        load_set = sets.setdefault(card.integer(0, "the load set id"), LoadSet())
         load_set.cards.add(card.name)
         return load_set
 
@@ -318,7 +318,7 @@ def static_loads(
 def _combine_loads(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, NodalForces]:
     combined: dict[int, LoadSet] = {}
     for card in cards:
-        number, whole = card.integer(0, "the set id"), card.real(1, "the factor S")
+        number, whole = card.integer(0, "the load set id"), card.real(1, "the factor S")
         if number in sets or number in combined:
             raise card.error(f"set id {number} is also used by other loads", "use a unique set id for this LOAD card")
         total = combined[number] = LoadSet()

@@ -46,7 +46,10 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
     ratio = 1.0
     if of_beams and specified[:2] == [True, True] and E > 0 and not -1 < implied < 0.5:
         ratio, nu = 2 * G / E, 0.0
-        notes.append(f"MAT1 {number}: NU from E and G is {implied:.3g}, outside -1 to 0.5; beams and rods use E and G")
+        notes.append(
+            f"MAT1 {number}: NU from E and G is {implied:.3g}, outside -1 to 0.5; beams and rods are not affected, because they "
+            "use E and G"
+        )
     elif not specified[2] or (inconsistent and of_beams):
         nu = implied
     if fault := elastic_fault(E if specified[0] else G, nu):

@@ -326,8 +326,8 @@ def fixed_components(
         pairs += [(row, c) for c in components(text, card)]
     selected = _selected_sets(deck, chosen, notes, left_out=bool(ignored["SPC"] or ignored["SPC1"]))
     for card in (*deck.cards.of("SPC"), *deck.cards.of("SPC1")):
-        if card.integer(0, "the set id") not in selected:
-            ignored[f"{card.name} of a set that is not selected"] += 1
+        if card.integer(0, "the support set id") not in selected:
+            ignored[f"{card.name} of a support set that is not selected"] += 1
             continue
         for row, wanted in _supports(card, nodes, ignored, free):
             pairs += [(row, c) for c in wanted]

@@ -106,7 +106,7 @@ def _groups(card: Card, tokens: list[str]) -> tuple[IntArray, FloatArray, np.nda
             i += 1
             continue
         if node is None and is_whole(tokens[i]):
-            raise card.error(f"a node id {describe_non_integer(tokens[i])}")
+            raise card.error(describe_non_integer("a node id", tokens[i]))
         weight = parse_real(tokens[i]) if node is None else None
         if weight is None or weight <= 0:
             raise card.error(
@@ -325,9 +325,9 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
         selected = {sets.select(", or remove the line")}
     members: set[int] = set().union(*(sets.parts(number) for number in selected))
     for card in deck.cards.of("MPC", "MPCADD"):
-        if card.integer(0, "the set id") not in members | selected:
-            ignored[f"{card.name} of a set that is not selected"] += 1
-    return [card for card in deck.cards.of("MPC") if card.integer(0, "the set id") in members]
+        if card.integer(0, "the MPC set id") not in members | selected:
+            ignored[f"{card.name} of an MPC set that is not selected"] += 1
+    return [card for card in deck.cards.of("MPC") if card.integer(0, "the MPC set id") in members]
 
 
 def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]:

@@ -304,7 +304,9 @@ def _position(raw: Any, path: str, notes: list[str]) -> FloatArray:
             "export the mesh with three coordinates per point",
         )
     if points.dtype == np.float32:
-        notes.append("coordinates in the file have single precision (7 digits)")
+        notes.append(
+            "coordinates in the file have single precision (7 digits): export them in double precision, if the format allows it"
+        )
     return np.ascontiguousarray(points, dtype=np.float64)
 
 
@@ -346,7 +348,9 @@ def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatA
     nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
     if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
         nodes = in_order(nodes, kind.mirrored)
-        notes.append(f"{kind.name} elements had a left-handed node order in the file (format {form}); corrected")
+        notes.append(
+            f"{kind.name} elements had a left-handed node order in the file (format {form}); the node order is corrected"
+        )
     return nodes
 
 

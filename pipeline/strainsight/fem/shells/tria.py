@@ -167,11 +167,11 @@ def shell_axes(position: np.ndarray, ids: np.ndarray) -> np.ndarray:
     first, second = _across(position)
     normal = np.cross(first, second)
     length = np.linalg.norm(normal, axis=1)
-    _refuse(length > LEAST_CORNER * size**2, length, position, ids, "without area")
+    _refuse(length > LEAST_CORNER * size**2, length, position, ids, "no area")
     z = normal / length[:, None]
     sides = np.roll(position, -1, axis=1) - position
     corner = np.einsum("ekc,ec->ek", np.cross(np.roll(sides, 1, axis=1), sides), z).min(axis=1)
-    _refuse(corner > LEAST_CORNER * size**2, corner, position, ids, "with a corner of more than 180°")
+    _refuse(corner > LEAST_CORNER * size**2, corner, position, ids, "a corner of more than 180°")
     x = sides[:, 0] - np.einsum("ec,ec->e", sides[:, 0], z)[:, None] * z
     x /= np.linalg.norm(x, axis=1)[:, None]
     return np.stack([x, np.cross(z, x), z], axis=2)
@@ -219,7 +219,7 @@ def _refuse(good: np.ndarray, area: np.ndarray, position: np.ndarray, ids: np.nd
     worst = int(np.argmin(np.where(good, np.inf, area)))
     names = ", ".join(str(id) for id in ids[~good][:5]) + (", …" if (~good).sum() > 5 else "")
     raise DeckError(
-        f"shells of {position.shape[1]} nodes {what} ({(~good).sum()} in total): {names} "
+        f"shells of {position.shape[1]} nodes have {what} ({(~good).sum()} in total): {names} "
         f"(smallest cross product of sides or diagonals: {area[worst]:.3g} m² in element {ids[worst]})",
         remedy="Check the node order of these elements, and whether two of their nodes coincide.",
         entity=("element", int(ids[worst])),

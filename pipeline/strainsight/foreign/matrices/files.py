@@ -113,7 +113,7 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
         raise
     except DAMAGE as error:
         message = " ".join(str(error).split())[:200]
-        raise error_at(path, f"cannot be read: {message}", "export the matrix again") from None
+        raise error_at(path, f"the file cannot be read: {message}", "export the matrix again") from None
     except MemoryError:
         raise error_at(path, "the matrix does not fit into memory", "write the matrix in sparse form") from None
     if not np.isfinite(matrix.data).all():
@@ -259,7 +259,7 @@ def _integer(cell: str, path: Path, number: int) -> int:
     value = parse_integer(cell)
     if value is None:
         remedy = "write node ids and components as integers"
-        raise error_at(f"{path}:{number}", f"the node id or component {describe_non_integer(cell[:40])}", remedy)
+        raise error_at(f"{path}:{number}", describe_non_integer("the node id or component", cell[:40]), remedy)
     return value
 
 

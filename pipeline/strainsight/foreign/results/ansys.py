@@ -36,7 +36,7 @@ def responses_in_child_process(path: Path) -> Iterator[Response]:
         try:
             copy = copyfile(path, Path(folder) / path.name)
         except OSError as error:
-            what = f"cannot be copied to the temporary folder {folder}: {error.strerror or error}"
+            what = f"the file cannot be copied to the temporary folder {folder}: {error.strerror or error}"
             raise error_at(path, what, "free some space in this folder, or set TMPDIR to another folder") from None
         with child_reader(COMMAND, [str(path), str(copy)], failure) as receive:
             while (message := receive(limit))[0]:
@@ -121,7 +121,7 @@ def _response(result: Any, row: int, is_mode: bool, step: int, substep: int, pat
     rotations = _ROTATIONS if all(name in names for name in _ROTATIONS) else []
     ids, values = result.nodal_solution(row)
     return Response(
-        "mode" if is_mode else "static",
+        ("static", "mode")[is_mode],
         step,
         substep,
         np.asarray(ids, dtype=np.int64),

@@ -233,7 +233,9 @@ def _response(
 ) -> Response:
     """count: number of static responses of the subcase so far, including this one."""
     is_mode = head.analysis == _MODE
-    where = f"{record.where}, {record.table} of subcase {head.subcase}" + (f", mode {head.mode}" if is_mode else "")
+    where = f"{record.where}, table {record.table} of subcase {head.subcase}" + (
+        f", mode {head.mode}" if is_mode else ""
+    )
     if head.analysis in _OTHERS or head.sort & _COMPLEX:
         raise unsupported_error(_OTHERS.get(head.analysis, "complex displacements"), where)
     if head.sort & _BY_NODE:
@@ -247,7 +249,7 @@ def _response(
     rows = np.frombuffer(record.content, row)
     nodes = rows["type"] == _NODE
     return Response(
-        "mode" if is_mode else "static",
+        ("static", "mode")[is_mode],
         head.subcase,
         head.mode if is_mode else count,
         (rows["point"][nodes] // 10).astype(np.int64),

@@ -221,7 +221,7 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
         return None
     if analysis not in (_UNIVERSAL_STATIC, _UNIVERSAL_MODE, _NONLINEAR) or data not in _REAL:
         raise unsupported_error(
-            _OTHERS.get(analysis, "complex values" if data > 4 else f"an analysis of type {analysis}"), where
+            _OTHERS.get(analysis, "complex results" if data > 4 else f"an analysis of type {analysis}"), where
         )
     if count != _VECTORS[characteristic]:
         raise damage_error(f"the vectors at the nodes have {count} values instead of {_VECTORS[characteristic]}", where)
@@ -366,6 +366,6 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     except FileNotFoundError:
         raise error_at(path, "no such file", "correct the file name or the folder") from None
     except UNPACKING as error:
-        raise error_at(path, f"cannot be unpacked: {error}", "compress the file again") from None
+        raise error_at(path, f"the file cannot be unpacked: {error}", "compress the file again") from None
     except OSError as error:
-        raise error_at(path, f"cannot be read: {error.strerror}", "check that the file is readable") from None
+        raise error_at(path, f"the file cannot be read: {error.strerror}", "check that the file is readable") from None

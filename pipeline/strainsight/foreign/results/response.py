@@ -73,7 +73,7 @@ def unsupported_error(what: str, where: str) -> DeckError:
     """Error for an unsupported kind of result."""
     return error_at(
         where,
-        f"unsupported result: {what}; only real modes and static responses are supported",
+        f"the file contains {what}, but only real modes and static responses are supported",
         "write real normal modes or static displacements to a separate file",
     )
 

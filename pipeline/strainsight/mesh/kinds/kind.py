@@ -22,7 +22,7 @@ Split = tuple[tuple[str, FloatArray], ...]
 Values = tuple[FloatArray, FloatArray]
 """Shape functions: N_a (q, k) [-] and ∂N_a/∂ξ_d (q, k, d) [-]."""
 
-HYBRID = "without the pressure degree of freedom of hybrid elements"
+HYBRID = "the pressure degree of freedom of the hybrid element is omitted"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -104,13 +104,13 @@ TET10 = second_order(
     gmsh_order=(0, 1, 2, 3, 4, 5, 6, 7, 9, 8),
     abaqus={
         "C3D10": "",
-        "C3D10I": "as C3D10",
-        "C3D10S": "as C3D10",
-        "C3D10T": "as C3D10",
+        "C3D10I": "same element as C3D10",
+        "C3D10S": "same element as C3D10",
+        "C3D10T": "same element as C3D10",
         "C3D10H": HYBRID,
         "C3D10HS": HYBRID,
-        "C3D10M": "as C3D10, without the modified formulation",
-        "C3D10MH": f"as C3D10, without the modified formulation, {HYBRID}",
+        "C3D10M": "same element as C3D10; the modified formulation is omitted",
+        "C3D10MH": f"same element as C3D10; the modified formulation is omitted; {HYBRID}",
     },
     meshio={"tetra10": ()},
 )
@@ -126,8 +126,8 @@ HEX_SIDES = (
 HEX_MIRRORED = (0, 3, 2, 1, 4, 7, 6, 5)
 UPRIGHTS_SECOND = (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)
 """Mid-sides bottom, uprights, top (Nastran, Exodus); ours are bottom, top, uprights."""
-_MODES = "with incompatible modes"
-_REDUCED = "with incompatible modes and full integration, without hourglass control"
+_MODES = "the element has incompatible modes"
+_REDUCED = "the element has incompatible modes and full integration, without hourglass control"
 
 
 def bubble_gradient(xi: FloatArray) -> FloatArray:
@@ -161,14 +161,14 @@ HEX8 = ElementKind(
     gmsh=5,
     abaqus={
         # largest difference on an example deck, as for C3D20R
-        "C3D8": "with incompatible modes, as C3D8I; frequencies of coarse meshes differ from those of CalculiX by up to 18 %",
+        "C3D8": f"{_MODES}, as C3D8I; frequencies of coarse meshes differ from those of CalculiX by up to 18 %",
         "C3D8I": "",
         "C3D8S": f"{_MODES}, as C3D8I",
         "C3D8R": _REDUCED,
-        "C3D8H": f"{_MODES}, {HYBRID}",
-        "C3D8HS": f"{_MODES}, {HYBRID}",
+        "C3D8H": f"{_MODES}; {HYBRID}",
+        "C3D8HS": f"{_MODES}; {HYBRID}",
         "C3D8IH": HYBRID,
-        "C3D8RH": f"{_REDUCED}, {HYBRID}",
+        "C3D8RH": f"{_REDUCED}; {HYBRID}",
     },
     # a voxel is counted row by row
     meshio={"hexahedron": (), "voxel": (0, 1, 3, 2, 4, 5, 7, 6)},
@@ -187,9 +187,9 @@ HEX20 = second_order(
     gmsh_order=(*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15),
     abaqus={
         "C3D20": "",
-        "C3D20R": "with full integration; frequencies of coarse meshes differ from those of CalculiX by up to 17 %",
+        "C3D20R": "the element has full integration; frequencies of coarse meshes differ from those of CalculiX by up to 17 %",
         "C3D20H": HYBRID,
-        "C3D20RH": f"with full integration, {HYBRID}",
+        "C3D20RH": f"the element has full integration; {HYBRID}",
     },
     meshio={"hexahedron20": ()},
     orders={"exodus": UPRIGHTS_SECOND},
