@@ -191,7 +191,7 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
             remedy=f"{''.join(linear)}If their effect is negligible, set mesh.ignore: [{names}]",
         )
     unused = [card for card in ignore if spelt(card) not in {spelt(existing) for existing in mesh.ignored}]
-    notes = (f"cards of mesh.ignore that the deck does not contain: {', '.join(unused)}",) if unused else ()
+    notes = (f"the deck does not contain these cards of mesh.ignore: {', '.join(unused)}",) if unused else ()
     return replace(mesh, notes=(*mesh.notes, *notes))
 
 
