@@ -157,7 +157,7 @@ def _tangent(direction: Sequence[float], n: np.ndarray, refuse: Callable[[str, s
     length = np.linalg.norm(a)
     if a.shape != (3,) or not (np.isfinite(length) and length > 0):
         raise refuse(
-            f"the direction {tuple(direction)} is not a vector of three finite numbers, not all zero",
+            f"the direction {tuple(direction)} does not have three finite components, or all are zero",
             "Specify the components of the measuring direction.",
         )
     a = a / length

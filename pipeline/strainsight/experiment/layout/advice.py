@@ -134,7 +134,9 @@ def advice(
         *([f"The layout costs {price[0]:g}; the budget is {price[1]:g}."] if price else []),
         *([f"Gauges that were omitted because their mirror image is not available: {alone}."] if alone else []),
         *(
-            [f"Equivalent layouts exist: {ties} of {len(elimination.ties)} removals of a gauge were ties."]
+            [
+                f"Equivalent layouts exist: in {ties} of {len(elimination.ties)} removals, another gauge was equally good."
+            ]
             if ties
             else []
         ),

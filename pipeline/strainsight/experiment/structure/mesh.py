@@ -381,8 +381,8 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
         if not name:
             lines.insert(0, f"mesh.faces: {{seat: {{{pointed_at(int(face), faces, mesh.position, facets)}}}}}")
         yield (
-            f"the flat face of {faces.area[face]:.3g} m² at {_point(faces.centre[face])} is {contact.support_in_words(i)}. If it "
-            f"is a contact face, exclude it from gauges by {' and '.join(lines)}"
+            f"the flat face of {faces.area[face]:.3g} m² at {_point(faces.centre[face])} has {contact.support_in_words(i)}. If "
+            f"it is a contact face, exclude it from gauges by {' and '.join(lines)}"
         )
 
 
@@ -392,7 +392,7 @@ def held_below(mesh: Mesh, facets: Facets, grids: Candidates) -> tuple[str, ...]
     contact = contact_faces(mesh, facets, faces)
     of = dict(zip(facets.key.tolist(), faces.of.tolist(), strict=True))
     words = {
-        int(face): f"the face at {_point(faces.centre[face])} is {contact.support_in_words(i)}"
+        int(face): f"the face at {_point(faces.centre[face])} has {contact.support_in_words(i)}"
         for i, face in enumerate(contact.face)
     }
     return tuple(words.get(of.get(key, -1), "") for key in facet_key(grids.element, grids.facet).tolist())

@@ -271,7 +271,7 @@ def _connections(mesh: Mesh) -> Iterator[Row]:
     yield (
         "parts without common nodes",
         str(parts(mesh).count),
-        f"parts not connected by ties, constraint equations or springs either: {len(tied)}",
+        f"number of parts if ties, equations and springs count as connections: {len(tied)}",
     )
     coincident = Coincident(mesh, joints)
     yield ("coincident nodes that are not connected", str(len(coincident.unjoined)), "")
@@ -296,7 +296,7 @@ def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
     between = links(mesh)
     ground = sum(link.share > EXACT for link in between)
     detail = (
-        f"number that resists a rigid-body motion: {ground}; largest stretch {between[0].share:.2g} ({between[0].name})"
+        f"{ground} of them resist a rigid-body motion; largest stretch {between[0].share:.2g} ({between[0].name})"
         if between
         else ""
     )
@@ -325,7 +325,7 @@ def _masses(mesh: Mesh) -> Iterator[Row]:
         name = mesh.regions[number].name
         yield (f"mass of region {number} {name}", f"{of[number]:.6g} kg", f"{mesh.density_of(number):.5g} kg/m³")
     if len(of) > MOST:
-        yield ("mass of other regions", "", f"number of these regions: {len(of) - MOST}")
+        yield ("mass of other regions", "", f"{len(of) - MOST} regions whose mass is not listed")
     if mesh.point_masses:
         yield (
             "point masses",
