@@ -41,7 +41,7 @@ def test_unsupported_cards_are_refused_or_ignored(tmp_path):
     assert "PLOAD1" not in refused(tmp_path, TETRAHEDRON + SHELLS, ignore=["PLOAD1"]).what
     mesh = imported(tmp_path, TETRAHEDRON + SHELLS, ["cquad", "PLOAD1", "CBAR"])
     assert {card: mesh.ignored[card] for card in ("CQUAD", "PLOAD1")} == {"CQUAD": 2, "PLOAD1": 1}
-    assert mesh.notes[-1] == "cards of mesh.ignore that the deck does not contain: CBAR"
+    assert mesh.notes[-1] == "the deck does not contain these cards of mesh.ignore: CBAR"
     assert mesh.effect["CQUAD"] == "structure"
 
 

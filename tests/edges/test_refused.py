@@ -70,7 +70,7 @@ BENCHES = [
     ("place.noise", "one increment of side", {"estimate.inputs.side.increment": 1e30}),
     (
         "estimate.sensors.gauges.noise",
-        "the noise of 1e-30 is below the smallest accepted noise of 1e-12",
+        "the noise of 1e-30 and all readings are nearly zero; the smallest accepted noise is 1e-12",
         {"estimate.sensors.gauges.noise": 1e-30},
     ),
     ("estimate.sensors.gauges.noise", "reading due to one initial σ of an unknown", {"estimate.inputs.side.std": 1e30}),

@@ -187,7 +187,7 @@ def test_a_parameter_that_never_acts_is_unobservable_with_its_reason():
     found = at(idle, 0.5, moduli=("E", "E_blade"))
     assert found["E"].result.condition == np.inf
     assert found["E"].result.sigma_min == 0.0
-    assert found["input+E+rho"].reason == "the motion in the training simulation does not depend on E_blade"
+    assert found["input+E+rho"].reason == "the motion in the training simulation (stage `train`) does not depend on E_blade"
     assert found["input+rho"].reason == ""
     assert np.isfinite(found["input+rho"].result.condition)
 

@@ -164,7 +164,7 @@ REFUSED = {
     ),
     "friction sharper than its step": (1, "forces.f: at t = ", rubbed(3.0, 1.0e-6)),
     "an unknown torque about a driven axis": (2, "the sensors cannot determine F at any of 5 instants", {**sought(), **PUSHED}),
-    "gravity that spins": (2, "forces.weight.turns: the angle changes by", turning(1.0e20)),
+    "gravity that spins": (2, "forces.weight.turns: the driven angle or the direction of gravity changes by", turning(1.0e20)),
 }
 
 

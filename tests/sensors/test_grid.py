@@ -249,15 +249,15 @@ GOOD = BondedEntry((0.45, 0.12, 0.2), (1, 0, 0))
     [
         (replace(GOOD, position=(0.45, 0.12, 0.206)), "gauge 2: the position is 0.006 m from the surface .*, more than 0.005 m"),
         (replace(GOOD, direction=(0.1, 0, 1)), "bonded gauge 2: the direction is at 5.71° to the surface normal"),
-        (replace(GOOD, direction=(0, 0, 0)), "bonded gauge 2: the direction is"),
-        (replace(GOOD, position=(0.45, np.nan, 0.2)), "bonded gauge 2: the position is"),
+        (replace(GOOD, direction=(0, 0, 0)), "bonded gauge 2: the direction .* all are zero"),
+        (replace(GOOD, position=(0.45, np.nan, 0.2)), "bonded gauge 2: the position .* is not finite"),
         (
             replace(GOOD, position=(0.45, 0.297, 0.2), direction=(0, 1, 0), length=0.01),
             "bonded gauge 2: the measuring grid of 0.01 m",
         ),
         (
             replace(GOOD, position=(0.45, 0.12, 0.201), direction=(-2, 0, 0)),
-            "gauge 2: position and direction are those of gauge 1",
+            "gauge 2: gauge 1 has the same position and direction",
         ),
     ],
 )

@@ -141,10 +141,10 @@ NOWHERE, EVERYWHERE = Box((5, 5, 5), (6, 6, 6)), Box((-1, -1, -1), (2, 2, 2))
 @pytest.mark.parametrize(
     ("arguments", "key", "count"),
     [
-        ({"surface": "lonely"}, "gauges.surface", "facets (112). Number of facets: 112 exterior, 0 on the surface 'lonely'"),
-        ({"include": (NOWHERE, NOWHERE)}, "gauges.include", "excludes all remaining facets (80)"),
-        ({"exclude": (NOWHERE, EVERYWHERE)}, "gauges.exclude.1", "80 outside exclude.0, 0 outside exclude.1"),
-        ({"include": (EVERYWHERE,), "exclude": (EVERYWHERE,)}, "gauges.exclude.0", "80 in included zones"),
+        ({"surface": "lonely"}, "gauges.surface", "step: 112 exterior facets, 0 facets on the surface 'lonely'"),
+        ({"include": (NOWHERE, NOWHERE)}, "gauges.include", "excludes the last facets (80)"),
+        ({"exclude": (NOWHERE, EVERYWHERE)}, "gauges.exclude.1", "80 facets outside exclude.0, 0 facets outside exclude.1"),
+        ({"include": (EVERYWHERE,), "exclude": (EVERYWHERE,)}, "gauges.exclude.0", "80 facets in included zones"),
     ],
 )
 def test_step_without_remaining_facet_is_reported(arguments, key, count, box_mesh):
@@ -154,6 +154,6 @@ def test_step_without_remaining_facet_is_reported(arguments, key, count, box_mes
 
 
 def test_facets_on_supports_alone_name_the_surface(box_mesh):
-    with pytest.raises(InfeasibleError, match="6 on the surface 'root', 6 with a nonzero area, 0 without constrained") as e:
+    with pytest.raises(InfeasibleError, match=r"6 facets on the surface 'root', .*, 0 facets without constrained") as e:
         motion_candidates(box_mesh, exterior_facets(box_mesh), ACCELERATION, surface="root", key="motion_sensors.a")
     assert e.value.key == "motion_sensors.a.surface"

@@ -250,7 +250,7 @@ def test_zones_take_rows_and_table_equally(files):
     ("table", "said", "line"),
     [
         (HEAD + "1,2,3\n", "is 3, not 7", 2),
-        (HEAD + "1,0,0,0,,,\nG2,0,0,0,,,\n", "has a cell that is not a number", 3),
+        (HEAD + "1,0,0,0,,,\nG2,0,0,0,,,\n", "contains a value that is not a number", 3),
         (HEAD + "1,0,0,0,,,\n2,0,0,0,,,\n1,0,0,0,,,\n", "gauge number 1 is used twice", 4),
         (HEAD, "no gauge", None),
     ],

@@ -99,7 +99,7 @@ def test_gauges_may_be_zeroed_at_the_start(bench, bench_config):
 
 def test_rings_that_face_away_from_each_other_are_refused(bench_config):
     """Turned by 180° about z the displacements look small; the model does not hold."""
-    with pytest.raises(StrainsightError, match=r"differ by 3\.14 rad") as refused:
+    with pytest.raises(StrainsightError, match=r"differ in direction by 3\.14 rad") as refused:
         made(bench_config, "bodies.blade.pose.x_axis=[-1, 0, 0]", SHORT, only=MOVED, beside=BENCHES)
     assert refused.value.key == "forces.bearing"
 

@@ -151,7 +151,7 @@ def test_a_bushing_that_is_turned_too_far_is_refused():
     done = run(text.replace("[0.2, 0, 0]", turned))
     assert done.code == 2, done.output
     assert "forces.mount" in done.stderr
-    assert "differ by 0.12 rad at t = 0 s; the limit is 0.1 rad" in done.stderr
+    assert "differ in direction by 0.12 rad at t = 0 s; the limit is 0.1 rad" in done.stderr
     assert "own.yaml:" in done.stderr
 
 

@@ -76,7 +76,7 @@ def test_loads_on_a_turning_arm_are_known_to_their_sigma():
          "estimate.method.step_error: the discretisation error of a step cannot be estimated with driven joints"),
         # from one end to the other in half a period, which simulate takes in ten steps
         (("joints.motor.drive.signal.frequency=10", "estimate.time_step=0.05"),
-         "joints.motor.drive: the angle changes by 1.57 rad in a time step"),
+         "joints.motor.drive: the driven angle or the direction of gravity changes by 1.57 rad in a time step"),
     ],
 )  # fmt: skip
 def test_what_a_filter_has_no_equations_for_with_a_drive_is_refused(changes, says):

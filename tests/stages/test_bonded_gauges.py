@@ -193,7 +193,7 @@ def test_a_file_of_bonded_gauges_that_cannot_be_is_refused_with_its_line(tmp_pat
         (
             f"{HEAD}\nA1,0.3,0,0.095,1,0,0\n",
             ("gauges.fixed=[{name: B1, position: [0.3, 0, 0.095], direction: [1, 0, 0]}]",),
-            "bonded gauge A1: position and direction are those of B1",
+            "bonded gauge A1: B1 has the same position and direction",
         ),
     ],
 )

@@ -51,7 +51,7 @@ def warned(*changes):
 @pytest.mark.slow
 def test_the_import_reports_what_leaves_the_underside_out_and_then_no_more():
     (said,) = warned()
-    assert said.startswith("the flat face of 0.023 m² at (0, 0, 0) m is supported at 4 bores")
+    assert said.startswith("the flat face of 0.023 m² at (0, 0, 0) m has 4 supported bores")
     lines = dict(part.split(": ", 1) for part in said.split("exclude it from gauges by ")[1].split(" and "))
     assert not warned(*(f"{key}={value}" for key, value in lines.items()))
     (named,) = warned(SEAT)
@@ -67,7 +67,7 @@ def test_each_gauge_on_that_face_reports_what_holds_it(seat):
     below = pool.normal[:, 2] < -0.99
     below &= pool.position[:, 2] < 1e-9
     said = held_below(mesh, facets, pool)
-    want = "the face at (0, 0, 0) m is supported at 4 bores" if seat else ""
+    want = "the face at (0, 0, 0) m has 4 supported bores" if seat else ""
     assert below.any()
     assert {text for text, own in zip(said, below == seat, strict=True) if own} == {want}
 
@@ -76,9 +76,9 @@ def test_each_gauge_on_that_face_reports_what_holds_it(seat):
 def test_init_leaves_it_out_as_the_warning_says_and_the_example_does():
     found = suggestion(DECK)
     (own,) = [place for place in found.places if place.lies_on]
-    assert own.lies_on == "supported at 4 bores"
+    assert own.lies_on == "4 supported bores"
     text = template("lug.bdf.gz", found)
-    assert "supported at 4 bores: contact face?" in text
+    assert "4 supported bores: contact face?" in text
     written = yaml.safe_load(text)
     (said,) = warned()
     assert said.endswith(f"mesh.faces: {{seat: {{near: {own.name}}}}} and gauges.exclude: [seat]")
@@ -139,7 +139,7 @@ def test_the_face_that_a_part_stands_on_is_left_out(init, sets, name, options):
     assert own["gauges"]["exclude"][len(options) // 2 :] == [name]
     assert own["mesh"]["faces"].keys() == {"loaded", name}
     lines = [line for line in text.splitlines() if line.split("#")[0].strip() in (f"{name},", f"- {name}")]
-    assert [line.split("# ← ")[1].split(":")[0] for line in lines] == ["supported at 1 bore"]
+    assert [line.split("# ← ")[1].split(":")[0] for line in lines] == ["1 supported bore"]
     done = CliRunner().invoke(app, ["import", "own.yaml"])
     assert done.exit_code == 0, done.output
     assert "contact face" not in done.output

@@ -144,7 +144,7 @@ NOTED = AtGauges(
     in_place=np.array([0.01, 0.081, 0.02, np.nan]),
     over_grid=np.array([0.02, 0.25, 0.03, np.nan]),
     room=np.array([np.inf, np.inf, 0.012, 0.06]),
-    lies_on=("", "", "", "the face at (0, 0, 0) m is supported at 4 bores"),
+    lies_on=("", "", "", "the face at (0, 0, 0) m has 4 supported bores"),
     in_place_limit=IN_PLACE,
     over_grid_limit=OVER_GRID,
     room_limit=HAND,
@@ -158,7 +158,7 @@ def test_each_note_has_its_number_and_its_limit():
     assert steep_one == f"steep gradient: {in_place} and 25 % strain change along the measuring grid (limit 20 %)"
     assert tight_one == "check access: free height above the gauge 12 mm (limit 60 mm)"
     room = "free height above the gauge 60 mm (limit 60 mm)"
-    assert sensor == f"check access: {room}, and the face at (0, 0, 0) m is supported at 4 bores"
+    assert sensor == f"check access: {room}, and the face at (0, 0, 0) m has 4 supported bores"
     assert notes_at_gauges(replace(NOTED, room=np.full(4, np.inf)), 4)[2] == ""
 
 

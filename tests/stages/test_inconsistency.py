@@ -176,7 +176,7 @@ def with_a_gap(u):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (rough, "of the RMS of 'tip' is above 300 Hz (0.3 times its sampling rate)"),
+        (rough, "of the RMS of the load 'tip' is due to frequencies above 300 Hz (0.3 times its sampling rate)"),
         (with_a_gap, "the known load 'tip' has missing samples: 20 in total, 20 in a row, the first at 0.1 s"),
     ],
 )

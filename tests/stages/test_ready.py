@@ -243,4 +243,4 @@ def test_modes_of_another_program_give_the_layout_of_the_whole_model(config, tmp
     job = job_of(tmp_path / "own.yaml", tmp_path / "results", *SHORT, *PLACED_EXACTLY)
     advised = " ".join(finished(job, stages)["place"][2]["/advice"].tolist())
     for key in ("load_angle", "load_position"):
-        assert f"σ does not include tolerances.{key} of tip: this error causes no motion of the model" in advised
+        assert f"tolerances.{key} has no effect on σ for tip: this error does not change the response of the model" in advised

@@ -153,6 +153,6 @@ def test_the_table_of_an_import_has_what_was_found_with_numbers_and_nodes(tmp_pa
     assert ("warning", "", "one is odd") in table.rows
     found = {what: (how_many, detail) for what, how_many, detail in table.rows}
     assert found["fixed"] == ("9 components", "3 nodes")
-    assert found["MPC 5"] == ("2 motions", "dependent: node 4 component 1")
+    assert found["MPC 5"] == ("2 motions", "dependent degree of freedom: node 4 component 1")
     assert found["point mass 30"] == ("0.833333 kg", "node 4, along x, y, z 0, 2.5, 0 kg")
     assert found["ignored"] == ("EIGRL", "1 time, without effect")

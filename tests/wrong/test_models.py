@@ -140,11 +140,11 @@ def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
     assert found["card PARAM POST"] == ("1", "ignored: no effect on stiffness, mass or supports")
     assert "card PARAM COUPMASS" not in found  # it counts
     assert found["card TOPVAR"] == ("1", "ignored: effect unknown")
-    assert found["parts without common nodes"] == ("2", "1 if ties, constraint equations and springs count as connections")
+    assert found["parts without common nodes"] == ("2", "number of parts if ties, equations and springs count as connections: 1")
     assert found["coincident nodes that are not connected"][0] == "0"
     assert found["rigid-body check: free motions"] == ("0", "")
     count, detail = found["rigid-body check: springs and constraint equations between nodes"]
-    assert (count, detail.partition(";")[0]) == ("1", "resisting a rigid-body motion: 1")
+    assert (count, detail.partition(";")[0]) == ("1", "1 springs or equations resist a rigid-body motion")
     assert found["mass of region 1 PSOLID 1"][0] == f"{2 * 0.4 * 0.1 * 0.1 * 7850:.6g} kg"
     assert found["point masses"][0] == "2.5 kg"
 

@@ -171,7 +171,7 @@ def tune(
         if part != "noise" and not np.any(_block(model, part)):
             raise ConfigError(
                 f"the process noise of {part} is zero and cannot be tuned",
-                remedy=f"set a process noise greater than zero, or remove {part} from estimate.tune.parts",
+                remedy=f"set `process_noise` of {part} greater than zero, or remove {part} from estimate.tune.parts",
             )
     count = len(parts)
     data = measurement if measurement.ndim == 3 else measurement[:, None, :]

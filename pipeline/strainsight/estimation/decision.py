@@ -247,7 +247,7 @@ class Decision:
     @property
     def cell(self) -> str:
         """Text in place of σ in a table."""
-        return "withheld" if self.trusted else "not reliable"
+        return WITHHELD if self.trusted else NOT_TRUSTED
 
     @property
     def numbers(self) -> dict[str, str | bool]:

@@ -296,7 +296,7 @@ class Posterior:
     prior: Annotated[np.ndarray, Column("1", "/value", "prior density of ln <what>")]
     left: Annotated[float, Column("1", "", "posterior σ of ln <what> divided by its prior σ")]
     peak: Annotated[np.ndarray, Column("<unit>", "/peak", "values of <what> at the peaks of its posterior density")]
-    share: Annotated[np.ndarray, Column("1", "/peak", "probability of each peak of the posterior density")]
+    share: Annotated[np.ndarray, Column("1", "/peak", "posterior probability of <what> near each peak of its density")]
 
 
 def marginal(point: np.ndarray, weight: np.ndarray, step: float, prior: tuple[float, float]) -> Posterior:

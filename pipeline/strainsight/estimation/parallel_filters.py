@@ -347,7 +347,9 @@ def advance(
     sizes["e"] = models.F.shape[-1]
     check_shapes(data, sizes, known="Lp", known_end="Le", samples="Lm", noise="Lm", discrepancy="m")
     if len(less) and less.shape != (L, d):
-        raise ValueError(f"the information on considered parameters has the shape {less.shape}, expected {(L, d)}")
+        raise ValueError(
+            f"the information matrix of the considered parameters has the shape {less.shape}, expected {(L, d)}"
+        )
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
     nu, left, fit = np.zeros((B, saved, d)), np.zeros((B, saved, d, d)), np.zeros((B, L))
     ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))

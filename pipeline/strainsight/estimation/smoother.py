@@ -80,7 +80,9 @@ class Smoothed:
         if selected.wanted.rows.ndim == 2:
             return selected.std[:, _places(rows, selected.wanted.rows)]
         if not np.array_equal(rows, selected.wanted.rows):
-            raise ValueError("the smoother did not store σ of these outputs: smooth with covariance=True")
+            raise ValueError(
+                "the smoother did not store σ of the requested outputs: call `smooth` with covariance=True"
+            )
         return selected.std
 
     def covariance_of(self, states: np.ndarray) -> np.ndarray:
@@ -109,7 +111,7 @@ class Smoothed:
 
     def _require_selected(self) -> SelectedCovariances:
         if self.selected is None:
-            raise ValueError("the smoother did not store covariances: smooth with covariance=True")
+            raise ValueError("the smoother did not store covariances: call `smooth` with covariance=True")
         return self.selected
 
 
@@ -117,7 +119,7 @@ def _places(wanted: np.ndarray, available: np.ndarray) -> np.ndarray:
     """Indices (k,) of wanted entries (k, ...) among the available ones. Raises ValueError if one is missing."""
     at = [np.flatnonzero((available == one).reshape(len(available), -1).all(axis=1)) for one in wanted]
     if not all(map(len, at)):
-        raise ValueError("the smoother did not store the covariance of these states: smooth with covariance=True")
+        raise ValueError("the smoother did not store the requested covariances: call `smooth` with covariance=True")
     return np.array([each[0] for each in at], dtype=int)
 
 

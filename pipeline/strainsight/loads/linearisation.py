@@ -103,9 +103,8 @@ def linearisation_instants(
     for name, peak in zip(unknowns.parameters, largest, strict=True):
         if peak <= 0:
             raise ConfigError(
-                f"the motion in the training simulation does not depend on {name}",
-                remedy="Apply a load that deforms the regions of this parameter in the training simulation, or "
-                "remove the parameter.",
+                f"the motion in the training simulation (stage `train`) does not depend on {name}",
+                remedy="Apply a load that deforms the regions of this parameter, or remove the parameter.",
             )
     act = (size / largest).min(axis=1)
     eligible = np.flatnonzero(act >= share * act.max())

@@ -138,7 +138,8 @@ def marginal_modes(F: np.ndarray) -> MarginalModes:
     basis, T = Z[:, :k], T[:k, :k]
     if np.linalg.norm(balanced @ basis - basis @ T) > 1e-8 * size:
         raise NumericalError(
-            "the non-decaying states of the model cannot be separated numerically from the decaying states"
+            "the non-decaying states of the model cannot be separated numerically from the decaying states",
+            remedy="Check the units of the model and noise levels that differ by many orders of magnitude.",
         )
     eigenvalues: list[complex] = []
     vectors: list[np.ndarray] = []
@@ -311,8 +312,8 @@ def cases(
     groups = (("input", tuple(inputs)), ("E", tuple(moduli)), ("rho", tuple(densities)), ("damping", tuple(damping)))
     if not np.all(largest > 0):
         raise ConfigError(
-            f"{np.sum(~(largest > 0))} of {len(largest)} channels have zero readings in the training simulation",
-            remedy="Apply a load that these channels measure in the training simulation, or remove their sensors.",
+            f"{np.sum(~(largest > 0))} of {len(largest)} channels have zero readings in the training simulation (stage `train`)",
+            remedy="Apply a load that these channels measure, or remove their sensors.",
         )
     lam = modal_basis(model, model.reference)[0]
     n = model.size

@@ -80,7 +80,7 @@ def place_arrays(
     pairs = None if conflicts is None else np.asarray(conflicts, dtype=int)
     if pairs is not None and (pairs.ndim != 2 or pairs.shape[1] != 2):
         raise ConfigError(
-            f"conflicts has the shape {pairs.shape}", remedy="pass pairs of row numbers of H, of shape (p, 2)"
+            f"`conflicts` has the shape {pairs.shape}", remedy="pass pairs of row numbers of H, of shape (p, 2)"
         )
     _check_rows("conflicts", np.zeros(0, dtype=int) if pairs is None else pairs, len(H))
     pool = solve_pool(Scenario(F, Q, H, r, np.zeros(len(F))), labels)

@@ -140,7 +140,7 @@ class WorstEigenvalue(Criterion):
     name = "worst_eigenvalue"
     title = "worst eigenvalue"
     symbol = "λ₁(P)"
-    sigma = "the steady-state σ of the most uncertain combination"
+    sigma = "the steady-state σ of the most uncertain combination of unknowns"
     meaning = "largest variance of any combination of the scaled unknowns"
 
     def value(self, M: np.ndarray) -> float:

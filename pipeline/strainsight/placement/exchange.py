@@ -29,7 +29,7 @@ def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggre
         return chosen
     loops = loops_of(pools, chosen)
     if loops is None:
-        raise ValueError("only a set of gauges that makes every unknown observable can be extended")
+        raise ValueError("gauges can be added only to a gauge set that makes every unknown observable")
     while len(room):
         into, loops = _most_telling(pools, loops, room, aggregate)
         chosen = np.sort(np.append(chosen, into))

@@ -147,7 +147,7 @@ def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> I
         return InfeasibleError(
             "an undamped motion of the structure has no process noise, so no steady-state filter exists",
             remedy="add structural damping (a ratio of 1e-4 is enough), or a load that excites this motion: the process noise is "
-            "a fraction of the motion in the training simulation",
+            "a fraction of the motion in the training simulation (stage `train`)",
         )
     return InfeasibleError(
         f"{undetectable_in_words(directions, names)} has no or too little process noise, so no steady-state filter exists",
@@ -159,7 +159,8 @@ def _check(scenario: Scenario) -> None:
     for name, matrix in (("F", scenario.F), ("Q", scenario.Q), ("the weight of the unknowns", scenario.weight)):
         if not np.all(np.isfinite(matrix)):
             raise ConfigError(
-                f"{name} of the linearised system is not finite", remedy="check the motion of the training simulation"
+                f"{name} of the linearised system is not finite",
+                remedy="check the motion in the training simulation (stage `train`)",
             )
     blind = np.flatnonzero(~np.isfinite(scenario.H).reshape(len(scenario.H), -1).all(axis=1))
     if len(blind):

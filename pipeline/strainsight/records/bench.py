@@ -15,6 +15,7 @@ from strainsight.records.reduced import AffineTerms
 from strainsight.rom.inertia import InertiaInvariants
 
 ALONG_XYZ_ABOUT_YZ = "[x, y, z, about y, about z]"
+ABOUT_REST = "x: modal coordinates and their rates, Δu and Δy: changes of loads and readings from equilibrium"
 AT_FOUR_CONTACTS = (
     "of every ball at the contacts inner left, inner right, outer left, outer right (left: towards negative x)"
 )
@@ -63,9 +64,9 @@ class DriveMotion:
 
 @record
 class Violation:
-    position: np.ndarray = dataset("SI", "/time", "largest residual of the joint constraints at every instant")
+    position: np.ndarray = dataset("m or rad", "/time", "largest residual of the joint constraints at every instant")
     velocity: np.ndarray = dataset(
-        "SI", "/time", "largest time derivative of the residuals of the joint constraints at every instant"
+        "m/s or rad/s", "/time", "largest time derivative of the residuals of the joint constraints at every instant"
     )
 
 
@@ -104,7 +105,7 @@ class SurfaceHistory:
 
 
 SQUARE = "coordinate × coordinate"
-IN_UNITS = "(unit of a reduced coordinate: m, rad or m √kg)"
+IN_UNITS = "(units of the reduced coordinates: m, rad or m √kg)"
 
 
 @record
@@ -117,19 +118,19 @@ class ReducedBody:
     reach: dict[str, np.ndarray] = dataset(
         "Pa", "2", "range of modulus <name> in which static errors of the reduced body are below 1 %"
     )
-    mass: np.ndarray = dataset("kg per unit^2", SQUARE, f"reduced mass matrix {IN_UNITS}")
-    stiffness: AffineOperator = group(AffineTerms, "N/m per unit^2", f"reduced stiffness matrix {IN_UNITS}")
-    damping: AffineOperator = group(AffineTerms, "N s/m per unit^2", f"reduced damping matrix {IN_UNITS}")
+    mass: np.ndarray = dataset("SI", SQUARE, f"reduced mass matrix {IN_UNITS}")
+    stiffness: AffineOperator = group(AffineTerms, "SI", f"reduced stiffness matrix {IN_UNITS}")
+    damping: AffineOperator = group(AffineTerms, "SI", f"reduced damping matrix {IN_UNITS}")
     basis: np.ndarray = dataset(
-        "m per unit",
+        "SI",
         "3 nodes × coordinate",
-        "displacement of the nodes in body axes, per unit of each reduced coordinate; row = 3 × node index + component "
+        "displacement [m] of the nodes in body axes, per unit of each reduced coordinate; row = 3 × node index + component "
         "(x: 0, y: 1, z: 2)",
     )
     interface: dict[str, np.ndarray] = dataset(
-        "m or rad per unit",
+        "SI",
         "6 × coordinate",
-        "translations and rotations of node <name> in body axes, per unit of each reduced coordinate",
+        "translations [m] and rotations [rad] of node <name> in body axes, per unit of each reduced coordinate",
     )
     inertia: InertiaInvariants = group()
 
@@ -198,12 +199,12 @@ class FrameInModes:
     """Motion of a frame in the modes."""
 
     displacement: np.ndarray = dataset(
-        "m per unit",
+        "kg^-1/2",
         "mode × 3",
         "displacement of the origin of the frame per unit of each modal coordinate, in global axes",
     )
     rotation: np.ndarray = dataset(
-        "rad per unit", "mode × 3", "rotation of the frame per unit of each modal coordinate, about global axes"
+        "rad/(m kg^1/2)", "mode × 3", "rotation of the frame per unit of each modal coordinate, about global axes"
     )
 
 
@@ -211,20 +212,12 @@ class FrameInModes:
 class StateSpace:
     """Linearised model ẋ = A x + B Δu, Δy = C x + D Δu about the equilibrium; x: modal coordinates and their rates."""
 
-    A: np.ndarray = dataset(
-        "1/s", "state × state", "state matrix A of ẋ = A x + B Δu, x: modal coordinates and their rates"
-    )
-    B: np.ndarray = dataset("SI per unit of the load", "state × input", "input matrix B of ẋ = A x + B Δu, u: loads")
-    C: np.ndarray = dataset("SI per unit of x", "output × state", "output matrix C of Δy = C x + D Δu, y: readings")
-    D: np.ndarray = dataset(
-        "SI per unit of the load",
-        "output × input",
-        "feedthrough matrix D of Δy = C x + D Δu, u: loads, y: readings",
-    )
-    inputs: tuple[str, ...] = dataset("1", "input", "names of the loads u")
-    outputs: tuple[str, ...] = dataset(
-        "1", "output", "sensor and component number of every reading y that depends on x"
-    )
+    A: np.ndarray = dataset("1/s", "state × state", f"state matrix A of ẋ = A x + B Δu; {ABOUT_REST}")
+    B: np.ndarray = dataset("SI", "state × input", f"input matrix B of ẋ = A x + B Δu; {ABOUT_REST}")
+    C: np.ndarray = dataset("SI", "output × state", f"output matrix C of Δy = C x + D Δu; {ABOUT_REST}")
+    D: np.ndarray = dataset("SI", "output × input", f"feedthrough matrix D of Δy = C x + D Δu; {ABOUT_REST}")
+    inputs: tuple[str, ...] = dataset("1", "input", "names of the loads in Δu")
+    outputs: tuple[str, ...] = dataset("1", "output", "sensor and component number of every reading in Δy")
 
 
 @record
@@ -237,7 +230,7 @@ class Coupled:
         "1/s^2", "mode", "square of the angular frequency of every mode; negative: unstable mode"
     )
     shape: np.ndarray = dataset(
-        "SI per unit",
+        "SI",
         "mode × coordinate",
         "mode shapes: generalised coordinates of all bodies per unit of each modal coordinate",
     )
@@ -377,7 +370,10 @@ class SensorMatch:
         default=None,
     )
     left_in: tuple[str, ...] | None = dataset(
-        "1", "component", "reason why <what> was not predicted from the other channels; empty: predicted", default=None
+        "1",
+        "component",
+        "reason why <what> could not be left out of the filter and predicted; empty: left out and predicted",
+        default=None,
     )
     bias: np.ndarray | None = dataset(
         "<unit>", "component", "final estimate of the offset of <what>; 0: no offset", default=None
@@ -477,7 +473,7 @@ class BenchCandidates:
     element: np.ndarray = dataset("1", "candidate", "element id of every candidate in the deck")
     facet: np.ndarray = dataset("1", "candidate", "facet number of every candidate in its element, from 1")
     response: np.ndarray = dataset(
-        "(strain or m or m/s^2)/SI",
+        "SI",
         "candidate × /inputs",
         "static reading of every candidate per unit of each unknown load or parameter, at the first instant in `place.poses`",
     )

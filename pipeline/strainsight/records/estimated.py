@@ -75,7 +75,11 @@ class HoldOut:
         "/gauge/time × /gauge/label",
         "standard deviation of the difference between measured and predicted reading",
     )
-    left_in: tuple[str, ...] = dataset("1", "/gauge/label", "reason why a channel was not predicted; empty: predicted")
+    left_in: tuple[str, ...] = dataset(
+        "1",
+        "/gauge/label",
+        "reason why a channel could not be left out of the filter and predicted; empty: left out and predicted",
+    )
 
 
 @record

@@ -36,7 +36,7 @@ class Augmented:
     R: np.ndarray = dataset("(unit of the channel)^2 s", "scenario × channel", "noise intensity R of every channel")
     weight: np.ndarray = dataset("1", "scenario × /state", "diagonal of the weight matrix W of the placement criterion")
     scale: np.ndarray = dataset(
-        "x*",
+        "SI",
         "scenario × /state",
         "scale of every entry of x*: x* = scale · scaled state. With all candidates at the start of the "
         "elimination (the pool), the steady-state covariance P of the scaled state has the diagonal 1",

@@ -83,7 +83,11 @@ class UnknownRows:
 class CaseRows:
     run: np.ndarray = dataset("1", "check", "index in /run/name of the run of every observability check")
     unknowns: tuple[str, ...] = dataset("1", "check", "unknowns of every observability check")
-    excitation: tuple[str, ...] = dataset("1", "check", "excitation of every observability check")
+    excitation: tuple[str, ...] = dataset(
+        "1",
+        "check",
+        "excitation of every observability check: load case, training simulation (stage `train`) or frequency",
+    )
     condition: np.ndarray = dataset("1", "check", "condition number of the scaled observability (PBH) matrix at λ = 0")
     condition_raw: np.ndarray = dataset(
         "1", "check", "condition number of the unscaled observability (PBH) matrix at λ = 0; depends on units"

@@ -135,8 +135,8 @@ class ContactFaces:
     def support_in_words(self, i: int) -> str:
         """Why face i is a contact face."""
         bores, places = int(self.bores[i]), int(self.places[i])
-        reasons = [f"supported at {bores} bore{'s' * (bores != 1)}"] * (bores > 0)
-        reasons += [f"supported at {places} of its facets"] * (places > 0)
+        reasons = [f"{bores} supported bore{'s' * (bores != 1)}"] * (bores > 0)
+        reasons += [f"{places} supported facet{'s' * (places != 1)}"] * (places > 0)
         return " and ".join(reasons)
 
 

@@ -77,7 +77,7 @@ def _grids(
     positions = np.array([entry.position for entry in entries], dtype=float).reshape(-1, 3)
     if not np.isfinite(positions).all():
         i = int(np.argmin(np.isfinite(positions).all(axis=1)))
-        raise refuse(i, f"the position is {tuple(entries[i].position)}", "Specify three finite coordinates.")
+        raise refuse(i, f"the position {tuple(entries[i].position)} is not finite", "Specify three finite coordinates.")
     if not len(entries):
         return _channels(skin, entries, np.zeros(0, int), np.zeros((0, 2)), positions, positions, positions), np.zeros(
             0
@@ -156,7 +156,10 @@ def _tangent(direction: Sequence[float], n: np.ndarray, refuse: Callable[[str, s
     a = np.asarray(direction, dtype=float)
     length = np.linalg.norm(a)
     if a.shape != (3,) or not (np.isfinite(length) and length > 0):
-        raise refuse(f"the direction is {tuple(direction)}", "Specify three numbers, not all zero.")
+        raise refuse(
+            f"the direction {tuple(direction)} does not have three finite components, or all are zero",
+            "Specify the components of the measuring direction.",
+        )
     a = a / length
     t = a - (a @ n) * n
     angle = np.rad2deg(np.arctan2(np.linalg.norm(t), abs(a @ n)))
@@ -180,7 +183,7 @@ def _check_coincidence(
             continue
         if abs(d[i] @ d[j]) > np.cos(np.deg2rad(0.1)):
             other = entries[i].name or f"gauge {i + 1}"
-            raise refuse(j, f"position and direction are those of {other}", "Remove one of the two gauges.")
+            raise refuse(j, f"{other} has the same position and direction", "Remove one of the two gauges.")
 
 
 def _error_at(key: str, entries: Sequence[BondedEntry], i: int, what: str, remedy: str) -> UserError:

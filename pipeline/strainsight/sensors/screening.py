@@ -135,7 +135,7 @@ def _check(rms: np.ndarray, std: np.ndarray) -> None:
         )
     if not np.isfinite(rms).all():
         raise InfeasibleError(
-            "readings of candidate gauges in the training simulation are not finite (number of channels: "
+            "readings of candidate gauges in the training simulation (stage `train`) are not finite (number of channels: "
             f"{np.count_nonzero(~np.isfinite(rms).all(axis=0))})",
             remedy="Check the loads of the training simulation.",
         )

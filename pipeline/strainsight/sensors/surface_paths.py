@@ -48,7 +48,7 @@ class Skin:
             first = int(np.argmax(known[index] != wanted))
             raise UserError(
                 f"element {element[first]} has no facet {facet[first]} on this surface",
-                remedy="Use the mesh for which the gauges were defined: each must lie on an exterior facet.",
+                remedy="Use the mesh for which the gauges were defined: each gauge must lie on an exterior facet.",
             )
         return index
 

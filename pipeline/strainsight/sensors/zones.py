@@ -194,35 +194,35 @@ def admissible(
     Raises UserError for a set that does not exist, InfeasibleError if no facet remains."""
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
     remaining = np.ones(len(facets.element_id), dtype=bool)
-    trail = [f"{len(remaining)} exterior"]
+    trail = [f"{len(remaining)} exterior facets"]
 
     def steps() -> Iterator[tuple[str, str, np.ndarray]]:
         with blame(f"{key}.surface"):
             every = np.ones(len(remaining), dtype=bool)
             chosen = every if surface == "all" else on_surface(mesh, facets, surface)
-        yield f"{key}.surface", f"on the surface {surface!r}", chosen
-        yield f"{key}.surface", "with a nonzero area", np.any(normal != 0, axis=1)
+        yield f"{key}.surface", f"facets on the surface {surface!r}", chosen
+        yield f"{key}.surface", "facets with a nonzero area", np.any(normal != 0, axis=1)
         if (lies := covered(mesh, facets)).any():
-            yield "mesh.file", "not covered by another part", ~lies
+            yield "mesh.file", "facets not covered by another part", ~lies
         if not on_constraints:
             tied = constrained_nodes(mesh, references=True)[facets.nodes] & (facets.nodes >= 0)
-            yield f"{key}.surface", "without constrained nodes", ~np.any(tied, axis=1)
+            yield f"{key}.surface", "facets without constrained nodes", ~np.any(tied, axis=1)
         if include:
             with blame(f"{key}.include"):
                 zones = [inside(zone, mesh, facets, centre, normal) for zone in include]
-            yield f"{key}.include", "in included zones", np.any(zones, axis=0)
+            yield f"{key}.include", "facets in included zones", np.any(zones, axis=0)
         for i, zone in enumerate(exclude):
             with blame(f"{key}.exclude.{i}"):
                 in_zone = inside(zone, mesh, facets, centre, normal)
-            yield f"{key}.exclude.{i}", f"outside exclude.{i}", ~in_zone
+            yield f"{key}.exclude.{i}", f"facets outside exclude.{i}", ~in_zone
 
     for where, what, mask in steps():
         before, remaining = remaining, remaining & mask
         trail.append(f"{np.count_nonzero(remaining)} {what}")
         if not remaining.any():
             raise InfeasibleError(
-                f"no admissible facet remains for a gauge: {where} excludes all remaining facets ({np.count_nonzero(before)}). "
-                f"Number of facets: {', '.join(trail)}",
+                f"no admissible facet remains for a gauge: {where} excludes the last facets ({np.count_nonzero(before)}). "
+                f"Remaining after each step: {', '.join(trail)}",
                 key=where,
                 remedy="Choose another surface, larger included zones or smaller excluded zones.",
             )

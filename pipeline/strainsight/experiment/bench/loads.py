@@ -123,5 +123,6 @@ def _refuse_huge(values: np.ndarray, unit: str) -> None:
     largest = float(np.abs(values).max(initial=0.0))
     if not largest <= LARGEST:
         raise ConfigError(
-            f"the value {largest:.2g} {unit} exceeds the limit of {LARGEST:g}", remedy="Check the unit of the signal."
+            f"the signal reaches {largest:.2g} {unit}, which exceeds the limit of {LARGEST:g}",
+            remedy="Check the unit of the signal.",
         )

@@ -232,7 +232,7 @@ def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
             if cosine[worst] < np.cos(TILT):
                 angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
                 raise ConfigError(
-                    f"{axes} differ by {angle:.3g} rad at t = {run.time[worst]:g} s; the limit is {TILT:g} rad",
+                    f"{axes} differ in direction by {angle:.3g} rad at t = {run.time[worst]:g} s; the limit is {TILT:g} rad",
                     key=key,
                     remedy="Align the axes of the frames at rest, and keep them parallel by a joint: this "
                     f"{'force law' if key.startswith('forces') else 'drive'} is valid for small tilts.",
@@ -260,7 +260,8 @@ def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
         if moved.max(initial=0.0) > SPUN:
             smooth = ", or smooth a jump in the recorded signal" if key in recorded else ""
             raise ConfigError(
-                f"the angle changes by {moved.max():.3g} rad in a time step; the limit is {SPUN:g} rad",
+                f"the driven angle or the direction of gravity changes by {moved.max():.3g} rad in a time step; the limit is "
+                f"{SPUN:g} rad",
                 key=key,
                 remedy=f"Reduce {section}.time_step{smooth}.",
             )

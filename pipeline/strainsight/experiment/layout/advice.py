@@ -55,7 +55,7 @@ def least_expected(layouts: Sequence[Expectation], over: Collection[str]) -> int
 REMEDY = {
     "noise": "reduce the noise of the channels, or add channels",
     "process noise": "reduce the process noise, if it exceeds the real changes of loads and parameters and the model errors",
-    "start": "use a longer run, because the initial σ still has an effect",
+    "start": "use a longer record or simulation, because the initial σ still has an effect",
     "position": "position the gauges more accurately, or move the gauges to locations with smaller strain gradients",
     "angle": "align the gauges more accurately",
     "gain": "calibrate the channels more accurately",
@@ -125,8 +125,8 @@ def advice(
         *best_possible(layout.certificate, task.criterion, task.over, task.sigma),
         *_uneliminated(task, layout),
         *(
-            f"{', '.join(labels[i] for i in group)} are redundant in the training simulation: their readings are "
-            "nearly proportional, so together they only average noise."
+            f"{', '.join(labels[i] for i in group)} are redundant: their readings in the training simulation "
+            "(stage `train`) are nearly proportional, so together they only average noise."
             for group in groups
         ),
         *_failures(labels, loss, expected.std, expected.without),
@@ -134,7 +134,13 @@ def advice(
         *_loads(labels, listed.most / listed.range),
         *([f"The layout costs {price[0]:g}; the budget is {price[1]:g}."] if price else []),
         *([f"Gauges that were omitted because their mirror image is not available: {alone}."] if alone else []),
-        *([f"{ties} of {len(elimination.ties)} removals were ties, so equivalent layouts exist."] if ties else []),
+        *(
+            [
+                f"Equivalent layouts exist: in {ties} of {len(elimination.ties)} removals, another gauge was equally good."
+            ]
+            if ties
+            else []
+        ),
     )
 
 
@@ -236,6 +242,9 @@ def _percent(share: float) -> str:
 def _loads(labels: Sequence[str], load: np.ndarray) -> Iterator[str]:
     for label, share in zip(labels, load, strict=True):
         if share > 1:
-            yield f"{label} exceeds its measuring range: the strain in the training simulation is {share:.2g} times the limit."
+            yield (
+                f"{label} exceeds its measuring range: the reading in the training simulation (stage `train`) is "
+                f"{share:.2g} times the limit."
+            )
         elif share > NEARLY:
-            yield f"{label} uses {100 * share:.0f} % of its measuring range in the training simulation."
+            yield f"{label} uses {100 * share:.0f} % of its measuring range in the training simulation (stage `train`)."

@@ -84,7 +84,7 @@ def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarr
     random = [s for rule, s in others.scores.items() if rule.startswith("random_")]
     ordered = sorted(random, key=lambda s: (np.isnan(s.cost[chosen]), s.cost[chosen]))
     if ordered:
-        shown[f"random layout, median of {len(ordered)}"] = ordered[(len(ordered) - 1) // 2]
+        shown[f"median of {len(ordered)} random layouts"] = ordered[(len(ordered) - 1) // 2]
     best = others.scores["final"].cost[chosen]
 
     def number(value: float) -> str:
@@ -106,12 +106,12 @@ def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarr
     columns = (
         "rule",
         criteria[0].symbol,
-        f"{criteria[0].symbol} relative to this layout",
+        f"{criteria[0].symbol} divided by that of the selected layout",
         *(c.symbol for c in criteria[1:]),
         *(f"steady-state σ({n})" for n in names),
     )
     return Table(
-        "criteria of the steady-state covariance (to rank layouts; the expected σ is different)", columns, rows
+        "criteria of the steady-state covariance: use them to rank layouts, not as the expected σ", columns, rows
     )
 
 

@@ -326,7 +326,7 @@ def given_table(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             d = [float(cell or "0") for cell in cells[4:]]
         except ValueError:
             raise DeckError(
-                f"{','.join(cells)[:60]!r} has a cell that is not a number",
+                f"{','.join(cells)[:60]!r} contains a value that is not a number",
                 where=f"{path}:{line}",
                 remedy="Enter the gauge number as an integer, the position, and optionally the direction.",
             ) from None

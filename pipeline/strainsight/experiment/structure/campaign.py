@@ -376,7 +376,9 @@ def _notes(hidden: str, tuning: Tuning | None) -> tuple[str, ...]:
     return (
         f"the channels cannot determine {hidden}; these estimates depend on the initial values" if hidden else "",
         f"noise levels were tuned to the measurements, by the factors: {factors}" if factors else "",
-        f"the measurements do not determine the noise level of {untuned}" if untuned else "",
+        f"the noise level of {untuned} was not tuned, because the measurements do not determine this level"
+        if untuned
+        else "",
     )
 
 

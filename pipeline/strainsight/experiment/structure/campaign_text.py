@@ -119,7 +119,7 @@ def _message(campaign: Campaign) -> str:
     numbers, first, only = _numbers(campaign), campaign.first.estimated, campaign.only
     source = first.source.file if only else f"{len(campaign.records)} records ({', '.join(campaign.records)})"
     parts = [campaign.decision.message] if campaign.decision.message else []
-    parts.append(f"{numbers['samples']} samples of {plural(len(first.gauge.label), 'channel')} in {source}")
+    parts.append(f"{numbers['samples']} samples of {plural(len(first.gauge.label), 'channel')} from {source}")
     for name in campaign.unknowns.names:
         what = " RMS" if name in campaign.unknowns.inputs else ""
         sigma = "" if campaign.decision.withheld else f" ± {numbers[f'std.{name}']:.2g}"

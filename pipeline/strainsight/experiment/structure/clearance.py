@@ -171,7 +171,9 @@ def clearance_in_words(clearance: Clearance, total: int) -> str:
     how = {STATED: "", CARRIER: " (half the carrier diagonal)"}[clearance.rule]
     if clearance.distance < clearance.wanted:
         how = f" (reduced from {1e3 * clearance.wanted:.3g} mm)"
-    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {total} candidates too near{near and f': {near}'}"
+    return (
+        f"clearance {1e3 * clearance.distance:.3g} mm{how}, {total} candidates closer than that{near and f': {near}'}"
+    )
 
 
 def clearance_warning(clearance: Clearance) -> str:
@@ -409,7 +411,7 @@ def hot_spot_table(test: HotSpots, labels: Sequence[str]) -> Table:
         (label, _percent(refined), _percent(spread) if spread else "", "hot spot" if hot else "")
         for label, refined, spread, hot in zip(labels, test.refined, test.spread, test.hot, strict=True)
     )
-    columns = ("gauge", "change with a refined mesh", "change with distributed nodal forces", "result")
+    columns = ("gauge", "strain change with a refined mesh", "strain change with distributed nodal forces", "result")
     return Table(f"hot spots: strain changes by more than {100 * test.share:.2g} %", columns, rows)
 
 

@@ -195,7 +195,8 @@ def not_held_in_words(structure: Structure) -> tuple[str, ...]:
         ]
         if rigid:
             sentences.append(
-                f"σ does not include tolerances.{key} of {', '.join(rigid)}: this load error does not change the response"
+                f"tolerances.{key} has no effect on σ for {', '.join(rigid)}: "
+                "this error does not change the response of the model"
             )
     return tuple(sentences)
 
@@ -357,7 +358,7 @@ def budget_of(
     ratio = dict(zip(problem.unknowns.names, np.sqrt(whole[0] / claimed).tolist(), strict=True))
     accurate = {name: share for name, share in shares.items() if 1 / HOLDS <= ratio[name] <= HOLDS}
     return accurate, tuple(
-        f"no variance budget of {name}: the linearised σ is {ratio[name]:.2g} times the claimed σ"
+        f"no variance budget of {name}: its linearised σ is inaccurate ({ratio[name]:.2g} times the claimed σ)"
         for name in shares
         if name not in accurate
     )

@@ -43,7 +43,7 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
         claim = covariance_recursion(model, problem.x, problem.u, start, considered)
     if not np.isfinite(claim.std).all():
         raise NumericalError(
-            "the predicted σ along the training simulation is not finite",
+            "the predicted σ in the training simulation (stage `train`) is not finite",
             key="train.time_step",
             remedy="Check that the noise levels do not differ by many orders of magnitude, and that the time step resolves the "
             "load models (process_noise).",
@@ -145,7 +145,8 @@ def cases_in_words(cases: ByCase, aggregate: str) -> Iterator[str]:
     for case, unknowns in least.items():
         yield f"σ of {' and '.join(unknowns)} is largest in load case {case}."
     if aggregate == "worst":
-        yield f"Load case {cases.name[index_of_largest(cases.weight * cases.metric)]} determines the layout."
+        decisive = cases.name[index_of_largest(cases.weight * cases.metric)]
+        yield f"Load case {decisive} has the largest weighted criterion and determines the layout."
 
 
 RESOLVED = 1e-7
@@ -161,8 +162,8 @@ def unresolved_candidates(training: Training) -> str:
     if not straining.any() or (largest := float(training.peak[straining].max())) >= RESOLVED:
         return ""
     return (
-        f"The largest reading of all gauges in the training simulation is {_size(largest)}, below the amplifier resolution of "
-        f"{_size(RESOLVED)}. {LOUDER.capitalize()} (loads.*.signal, mesh.length_unit, mesh.mass_unit)."
+        f"The largest reading of all gauges in the training simulation (stage `train`) is {_size(largest)}, below the "
+        f"amplifier resolution of {_size(RESOLVED)}. {LOUDER.capitalize()} (loads.*.signal, mesh.length_unit, mesh.mass_unit)."
     )
 
 
@@ -188,7 +189,7 @@ def loud_noise(training: Training, screened: Screened) -> str:
     if not loud:
         return ""
     return (
-        f"The noise of one sample exceeds every reading of the training simulation: {'; '.join(loud)}. Check the "
+        f"The noise of one sample exceeds every reading of the training simulation (stage `train`): {'; '.join(loud)}. Check the "
         "loads, and noise_std of these sensors: noise_std has the unit of the reading (1 µm/m is 1e-6)."
     )
 
@@ -201,7 +202,10 @@ def unresolved_gauges(listed: GaugeList) -> Iterator[str]:
     those = ", ".join(f"{listed.labels[i]} ({_size(float(listed.peak[i]))})" for i in weak)
     others = "" if len(weak) == len(listed.labels) else ", or move these gauges (gauges.include, gauges.exclude)"
     remedy = f"{LOUDER.capitalize()}{others}"
-    yield f"The readings of {those} in the training simulation are below the amplifier resolution of {_size(RESOLVED)}. {remedy}."
+    yield (
+        f"The readings of {those} in the training simulation (stage `train`) are below the amplifier resolution of "
+        f"{_size(RESOLVED)}. {remedy}."
+    )
 
 
 def _size(strain: float) -> str:

@@ -378,7 +378,10 @@ def hold_known_loads(
         if missing:
             notes.append(f"missing samples of the load {name} were interpolated by a spline ({missing} in total)")
         share = share_above(filled, BAND / spacing)
-        fast = f"{100 * share:.2g} % of the RMS of '{name}' is above {BAND * rate:.4g} Hz ({BAND:g} times its sampling rate)"
+        fast = (
+            f"{100 * share:.2g} % of the RMS of the load '{name}' is due to frequencies above {BAND * rate:.4g} Hz "
+            f"({BAND:g} times its sampling rate)"
+        )
         if share > LARGEST:
             raise ConfigError(
                 f"{fast}, so this load cannot be interpolated between samples",

@@ -191,7 +191,7 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
             remedy=f"{''.join(linear)}If their effect is negligible, set mesh.ignore: [{names}]",
         )
     unused = [card for card in ignore if spelt(card) not in {spelt(existing) for existing in mesh.ignored}]
-    notes = (f"cards of mesh.ignore that the deck does not contain: {', '.join(unused)}",) if unused else ()
+    notes = (f"the deck does not contain these cards of mesh.ignore: {', '.join(unused)}",) if unused else ()
     return replace(mesh, notes=(*mesh.notes, *notes))
 
 
@@ -381,8 +381,8 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
         if not name:
             lines.insert(0, f"mesh.faces: {{seat: {{{pointed_at(int(face), faces, mesh.position, facets)}}}}}")
         yield (
-            f"the flat face of {faces.area[face]:.3g} m² at {_point(faces.centre[face])} is {contact.support_in_words(i)}. If it "
-            f"is a contact face, exclude it from gauges by {' and '.join(lines)}"
+            f"the flat face of {faces.area[face]:.3g} m² at {_point(faces.centre[face])} has {contact.support_in_words(i)}. If "
+            f"it is a contact face, exclude it from gauges by {' and '.join(lines)}"
         )
 
 
@@ -392,7 +392,7 @@ def held_below(mesh: Mesh, facets: Facets, grids: Candidates) -> tuple[str, ...]
     contact = contact_faces(mesh, facets, faces)
     of = dict(zip(facets.key.tolist(), faces.of.tolist(), strict=True))
     words = {
-        int(face): f"the face at {_point(faces.centre[face])} is {contact.support_in_words(i)}"
+        int(face): f"the face at {_point(faces.centre[face])} has {contact.support_in_words(i)}"
         for i, face in enumerate(contact.face)
     }
     return tuple(words.get(of.get(key, -1), "") for key in facet_key(grids.element, grids.facet).tolist())

@@ -61,7 +61,7 @@ def faces_table(faces: Faces) -> Table:
         rows.append((f"{faces.area[face]:.3g} m²", faces.in_words(face), f"near: {faces.near(face)}"))
     title = "faces of the surface"
     if count > FACES:
-        title += f" ({FACES} largest of {count}; all are in import.h5)"
+        title += f" ({FACES} largest of {count}; import.h5 contains all faces)"
     return Table(title, ("area", "shape", "entry of mesh.faces"), tuple(rows))
 
 
@@ -139,7 +139,7 @@ def _constraints(mesh: Mesh) -> list[Row]:
             (
                 str(relation),
                 plural(len(relation.node), "motion"),
-                f"dependent: node {mesh.node_ids[relation.follower[0]]} component {relation.follower[1] + 1}",
+                f"dependent degree of freedom: node {mesh.node_ids[relation.follower[0]]} component {relation.follower[1] + 1}",
             )
             for relation in mesh.relations
         ],
@@ -200,12 +200,12 @@ def _sets(mesh: Mesh) -> list[Row]:
 def _shortened(rows: list[Row], what: str) -> list[Row]:
     if len(rows) <= LONGEST:
         return rows
-    return [*rows[:LONGEST], (what, f"{len(rows)} in total", "all are in import.h5")]
+    return [*rows[:LONGEST], (what, f"{len(rows)} in total", "import.h5 lists all sets")]
 
 
 def _quality(quality: Quality) -> Row:
     worst = int(np.argmin(quality.shape))
-    least = f"smallest {quality.shape[worst]:.3f} (element {quality.ids[worst]})"
+    least = f"smallest shape quality {quality.shape[worst]:.3f} (element {quality.ids[worst]})"
     detail = f"{least}, smallest Jacobian ratio {quality.curvature.min():.3f}"
     return (f"shape quality of {quality.kind}", f"mean {quality.shape.mean():.3f}", detail)
 
@@ -271,7 +271,7 @@ def _connections(mesh: Mesh) -> Iterator[Row]:
     yield (
         "parts without common nodes",
         str(parts(mesh).count),
-        f"{len(tied)} if ties, constraint equations and springs count as connections",
+        f"number of parts if ties, equations and springs count as connections: {len(tied)}",
     )
     coincident = Coincident(mesh, joints)
     yield ("coincident nodes that are not connected", str(len(coincident.unjoined)), "")
@@ -296,7 +296,7 @@ def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
     between = links(mesh)
     ground = sum(link.share > EXACT for link in between)
     detail = (
-        f"resisting a rigid-body motion: {ground}; largest relative stretch {between[0].share:.2g}, {between[0].name}"
+        f"{ground} springs or equations resist a rigid-body motion; largest stretch {between[0].share:.2g} ({between[0].name})"
         if between
         else ""
     )
@@ -325,7 +325,7 @@ def _masses(mesh: Mesh) -> Iterator[Row]:
         name = mesh.regions[number].name
         yield (f"mass of region {number} {name}", f"{of[number]:.6g} kg", f"{mesh.density_of(number):.5g} kg/m³")
     if len(of) > MOST:
-        yield ("mass of other regions", "", f"{len(of) - MOST} regions not listed")
+        yield ("mass of other regions", "", f"{len(of) - MOST} regions whose mass is not listed")
     if mesh.point_masses:
         yield (
             "point masses",

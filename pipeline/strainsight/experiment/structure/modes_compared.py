@@ -110,7 +110,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
         )
     notes = [
         f"mode {mode.number} of the file ({mode.frequency:.3g} Hz) is a rigid-body mode, but the model of the deck has "
-        + (f"only {plural(rigid, 'rigid-body mode')}" if rigid else "no rigid-body modes")
+        f"{f'only {rigid}' if rigid else 'none'}. Check the supports of both models"
         for mode in still[rigid:]
         if mode.frequency <= RIGID * theirs[-1].frequency  # with wrong units all modes would be listed
     ]
@@ -170,7 +170,7 @@ def _on_both(
     over = len(common), mesh.own_nodes
     if len(common) < min(FEWEST, over[1]) or len(common) < min(ENOUGH, SHARE * over[1]):
         notes.append(
-            f"the MAC is not available: only {len(common)} of {plural(over[1], 'node')} of the mesh have values in every mode "
+            f"the MAC is not available: only {len(common)} of the {over[1]} nodes of the mesh have values in every mode "
             "shape of the file. Write the mode shapes at all nodes in the other program"
         )
         return None, notes, None

@@ -256,7 +256,8 @@ def scheme_in_words(problem: Problem, h: float) -> str:
     longer, damped = (values[0] for values in bias)
     return (
         f"the {problem.scheme.replace('_', ' ')} scheme with a time step of {h:g} s increases the period of the first mode "
-        f"by {100 * longer:.2g} % (error of a modulus: {200 * longer:.2g} %) and adds {damped:.2g} to its damping ratio"
+        f"by {100 * longer:.2g} % (error of a modulus: {200 * longer:.2g} %) and adds {damped:.2g} to its damping ratio. "
+        "Reduce the time step, or set filter.scheme: exact"
     )
 
 

@@ -226,7 +226,7 @@ def _require_memory(filters: Sequence[RecordFilter], some: bool) -> None:
         numbers += (2 * points + 2) * (n + missed) ** 2 + d * (4 * n + 5 * m)
     elif not some:
         numbers += (n + missed) ** 2
-    require_memory(8.0 * numbers * steps, f"{steps} steps of {n} states", SHORTER)
+    require_memory(8.0 * numbers * steps, f"filtering {steps} time steps of {n} states", SHORTER)
 
 
 def budget_in(record: RecordFilter, result: FilteredRecord) -> tuple[Shares, tuple[str, ...]]:
@@ -261,4 +261,4 @@ def forecast_in_words(filters: Sequence[RecordFilter], seconds: float) -> str:
     steps = sum(len(each.test.known) for each in filters)
     size, unit = next((one for one in ((3600.0, "h"), (60.0, "min")) if seconds >= 1.5 * one[0]), (1.0, "s"))
     duration = f"{seconds / size:.2g} {unit}"
-    return f"filter and smoother of {steps} steps take about {duration} (extrapolated from {TRIED} steps)"
+    return f"filter and smoother of {steps} time steps will run for about {duration} (extrapolated from {TRIED} steps)"

@@ -204,7 +204,7 @@ def _lowest(
     theta = {p.name: p.reference for p in parameters}
     if scaled:  # imported results may have fewer modes
         count = built.at_most(count)
-    using.progress(f"{count} modes of {model.size} degrees of freedom", 0.2)
+    using.progress(f"{count} modes of the model with {model.size} degrees of freedom", 0.2)
     with blame(key):
         frequency, shape = lowest_modes(
             model.stiffness.at(theta), model.mass.at(theta), count, rigid=model.rigid, by=model.factorise
@@ -318,7 +318,7 @@ def inertia_problems(train: Train, training: Training, first: float) -> Iterator
         share = neglected_inertia(training, first)
         words = (
             f"inertia, neglected by train.model: static, changes the strain by up to {100 * share:.2g} % in the "
-            f"training simulation (first mode {first:.4g} Hz)"
+            f"training simulation of the stage `train` (first mode {first:.4g} Hz)"
         )
         if share > INERTIA_MOST:
             raise InfeasibleError(words, key="train.model", remedy="Set train.model: dynamic, or use slower loads.")

@@ -184,7 +184,7 @@ def _check_responses(wanted: WantedResult, path: Path, steps: list[str]) -> None
     )
     modes, several = wanted.kind == "mode", sorted({response.step for response in wanted.responses})
     if not several:
-        listed = ", ".join(steps[:8]) or "neither modes nor static responses"
+        listed = ", ".join(steps[:8]) or "no results"
         raise DeckError(
             f"no {'modes' if modes else 'static response'}{of_step} in the file",
             where=str(path),

@@ -165,7 +165,8 @@ def _by_unknowns(structure: Structure, noise_std: np.ndarray, v: np.ndarray | No
     alone, config = list(_alone(structure)), structure.config
     if not alone:
         raise InfeasibleError(
-            f"in the training simulation, no reading of a candidate depends on {' or '.join(config.place.estimate)}",
+            "in the training simulation (stage `train`), no reading of a candidate depends on "
+            f"{' or '.join(config.place.estimate)}",
             key="place.estimate",
             remedy="Use training loads that excite these unknowns, for example a recorded signal that is not zero.",
         )
@@ -226,7 +227,7 @@ def _noise_std(noise: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) 
     strongest = float(rms.max())
     if strongest <= 0:
         raise ConfigError(
-            "relative noise is undefined because all candidates read zero in the training simulation",
+            "relative noise is undefined because all readings are zero in the training simulation (stage `train`)",
             key=key,
             remedy=f"Set {key}: {{value: …}}, or use loads that strain the structure.",
         )

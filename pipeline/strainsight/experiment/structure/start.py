@@ -111,5 +111,5 @@ def ringing_in_words(settle: Settle, loading: Loading, model: ReducedModel, inst
     until_words = "is undamped" if np.isinf(until) else f"lasts {until:.3g} s, {DECAYS:g} decay times of the first mode"
     return (
         f"{early} of {len(instants)} linearisation instants lie in the initial transient, which {until_words}. Expected σ "
-        "includes this transient (train.settle)."
+        "includes this transient. Set train.settle to a longer time, or to none to accept the transient."
     )

@@ -273,7 +273,7 @@ def sweep_table(swept: SweepTable) -> Table:
     words = {"time_step": "time step {:g} s", "process_noise": "process noise × {:g}"}
     rows = tuple(
         (
-            words.get(key, f"{key} assumed {{:g}} × true value").format(value),
+            words.get(key, f"{key} set to {{:g}} × its true value").format(value),
             *(f"{100 * swept.error[n][i]:.3g} % (σ {100 * swept.std[n][i]:.2g} %)" for n in swept.error),
         )
         for i, (key, value) in enumerate(zip(swept.key, swept.value, strict=True))

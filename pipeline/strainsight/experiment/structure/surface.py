@@ -314,7 +314,7 @@ def skin_in_test(structure: Structure, field: Displaced) -> tuple[Skin | None, t
             raise ConfigError(
                 "the mesh has no surface, because it has no solids, shells or beams with a cross-section",
                 key=keys[0],
-                remedy="Remove the key.",
+                remedy="Remove this key, or use a mesh with such elements.",
             )
         return None, ()
     try:

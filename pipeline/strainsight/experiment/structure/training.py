@@ -318,7 +318,8 @@ def refuse_readings(readings: np.ndarray) -> None:
         return
     side, limit = ("above", high) if not largest <= high else ("below", low)
     raise InfeasibleError(
-        f"the largest reading of the training simulation is {largest:.2g} (strain, m/s² or m), {side} the limit of {limit:g}",
+        f"the largest reading of the training simulation (stage `train`) is {largest:.2g} (strain, m/s² or m), {side} the "
+        f"limit of {limit:g}",
         key="loads",
         remedy="Check the amplitude of the loads [N] and the modulus [Pa].",
     )
@@ -331,13 +332,13 @@ def refuse_noise(best: Mapping[str, tuple[float, float]]) -> None:
     low, high = SIGNAL_TO_NOISE
     key, (signal, noise) = max(best.items(), key=lambda item: item[1][0] / item[1][1] if item[1][1] else np.inf)
     if signal > high * noise:
-        why, limit = "below the rounding error of the model", f"at least {at_least(signal / high)}"
+        why, limit = "the noise is below the rounding error of the model", f"at least {at_least(signal / high)}"
     elif 0 < signal < low * noise:
-        why, limit = "too large for any estimate", f"at most {at_most(signal / low)}"
+        why, limit = "the noise is too large for any estimate", f"at most {at_most(signal / low)}"
     else:
         return
     raise InfeasibleError(
-        f"the noise of {noise:.3g} is {noise / signal:.1g} times the largest RMS reading ({signal:.3g}), {why}",
+        f"{why}: {noise:.3g}, {noise / signal:.1g} times the largest RMS reading ({signal:.3g})",
         key=f"{key}.noise_std",
         remedy=f"Set {limit}, in the unit of the reading: strain (1 µm/m is 1e-6), m/s² or m.",
     )

@@ -118,22 +118,22 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
 def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
     """Sampled errors with σ, in words; by_rows: whether gauges are imported as a strain operator, which cannot be moved."""
     tolerances, settings, moved = tolerances_of(config.tolerances), config.validation.truth, not by_rows
-    damped = [f"damping of every mode by a factor of {tolerances.damping:g}"] * (
+    damped = [f"damping ratio of every mode by a factor of {tolerances.damping:g}"] * (
         tolerances.damping > 1 and settings.damping_factor is None
     )
     sources = (
         ("frequency", 100, "natural frequencies {:g} %", True),
         ("model", 100, "stiffness {:g} %", not modulus_estimated(config)),
-        ("position", 1e3, "position {:g} mm per axis", moved and settings.gauge_offset is None),
-        ("angle", 1, "angle {:g}°", moved and settings.gauge_rotation is None),
-        ("gain", 100, "gain {:g} %", True),
-        ("common_gain", 100, "common gain {:g} %", True),
+        ("position", 1e3, "gauge position {:g} mm per axis", moved and settings.gauge_offset is None),
+        ("angle", 1, "gauge angle {:g}°", moved and settings.gauge_rotation is None),
+        ("gain", 100, "channel gain {:g} %", True),
+        ("common_gain", 100, "common gain of all gauges {:g} %", True),
         ("transverse", 100, "transverse sensitivity {:g} %", moved),
-        ("offset", 1e6, "offset {:g} µm/m", True),
-        ("drift", 1e6, "drift {:g} µm/m", True),
+        ("offset", 1e6, "channel offset {:g} µm/m", True),
+        ("drift", 1e6, "channel drift {:g} µm/m", True),
         ("temperature", 1, "temperature {:g} K", any(installation_std(tolerances).warmed)),
         ("load_angle", 1, "load direction {:g}°", True),
-        ("load_position", 1e3, "load point {:g} mm", True),
+        ("load_position", 1e3, "point of load application {:g} mm", True),
         ("load_gain", 100, "known-load gain {:g} %", _some_known(config)),
     )
     sizes = ((factor * getattr(tolerances, key), words, applies) for key, factor, words, applies in sources)

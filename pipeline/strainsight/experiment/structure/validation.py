@@ -325,7 +325,11 @@ def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, uni
 def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
     """Summary numbers; model: of the truth in the config."""
     trial, scheme = validation.trial, scheme_in_words(validation.trial.problem, validation.trial.h)
-    stopped = f"gauges with a position error limited by an edge: {trial.stopped}" if trial.stopped else ""
+    stopped = (
+        f"number of gauges whose sampled position error was limited by an edge: {trial.stopped}"
+        if trial.stopped
+        else ""
+    )
     consistency = validation.validated.consistency
     numbers: dict[str, Scalar] = {
         "truth": model,

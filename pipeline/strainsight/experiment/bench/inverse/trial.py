@@ -216,8 +216,8 @@ def _noise(
 def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:
     """Error for a noise far below the rounding error of the readings or of the effect of unknowns."""
     what, remedy = (
-        f"the noise of {noise:g} is below the smallest accepted noise of {NOTHING:g}",
-        "Increase this noise and the loads: all readings are nearly zero, too.",
+        f"the noise of {noise:g} and all readings are nearly zero; the smallest accepted noise is {NOTHING:g}",
+        "Increase the loads and the noise of the sensor, or check their units.",
     )
     if max(SPAN * moved, FLOOR * largest) >= NOTHING:
         by_unknown = SPAN * moved >= FLOOR * largest

@@ -236,7 +236,7 @@ def from_run(
 
 def _entry_of(entries: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
     if name not in entries:
-        remedy = did_you_mean(name, list(entries), f"Choose one of: {', '.join(entries)}.")
+        remedy = did_you_mean(name, list(entries), f"The measured run has: {', '.join(entries)}.")
         raise ConfigError(f"the measured run has no {kind} '{name}'", key=key, remedy=remedy)
     return entries[name]
 
