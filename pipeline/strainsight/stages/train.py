@@ -70,7 +70,7 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     )
     words = ("candidates", "bonded", "accelerometers", "displacement sensors")
     counts = ", ".join(f"{kind.sum()} {word}" for kind, word in zip(kinds, words, strict=True) if kind.any())
-    parts = [counts, f"{steps} steps, largest RMS strain {1e6 * strongest:.4g} µm/m"]
+    parts = [counts, f"{steps} time steps, largest RMS strain {1e6 * strongest:.4g} µm/m"]
     if cases:
         parts[1] += f" in {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
     if strongest > LARGE_STRAIN:
@@ -117,7 +117,9 @@ def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> 
         for grids in (pool.take(np.array([c])).grids,)
     )
     return Table(
-        "bonded gauges, moved to the surface", ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"), rows
+        "positions of the bonded gauges after projection to the surface",
+        ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"),
+        rows,
     )
 
 
