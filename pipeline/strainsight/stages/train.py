@@ -205,16 +205,19 @@ def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) ->
         if settings.keep != "all" and kept_count < min(settings.keep, clear):
             name = str(screened.family[int(i)])
             spacing = (
-                f"closer than {1e3 * settings.minimum_spacing:g} mm to another candidate",
+                f"the distance to another candidate is below {1e3 * settings.minimum_spacing:g} mm",
                 "reduce screen.minimum_spacing",
             )
-            too_large = "strained beyond their measuring range", "use sensors with a larger measuring range"
+            too_large = (
+                "the reading exceeds the measuring range",
+                "use sensors with a larger measuring range",
+            )
             faults, remedy = zip(
                 *[words for code, words in ((NEAR, spacing), (OVER_RANGE, too_large)) if code in reasons], strict=True
             )
             yield (
                 f"screen.keep requests {settings.keep} candidates of the kind '{name}', but only {kept_count} of {clear} pass "
-                f"the screening, because the others are {' or '.join(faults)}. {' or '.join(remedy).capitalize()}."
+                f"the screening, because {' or '.join(faults)}. {' or '.join(remedy).capitalize()}."
             )
 
 

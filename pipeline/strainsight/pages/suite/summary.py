@@ -304,7 +304,7 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
 def _cells(result: Result) -> list[str]:
     """Row of an unknown."""
     unknown, repeats = result.unknown, result.unknown.repeats
-    kind = "" if unknown.kind == "parameter" else ", load" if result.smoothed else ", load, filtered"
+    kind = "" if unknown.kind == "parameter" else ", load" if result.smoothed else ", load (filtered estimate)"
     name = escape(unknown.name) + kind + ", zero: in % of its amplitude" * (bool(kind) and unknown.zero)
     sigmas = plain(result.error / result.std, 2) if result.error is not None and result.std else "–"
     spread = (None, None) if repeats is None else (rms(repeats.error), repeats.worst)
