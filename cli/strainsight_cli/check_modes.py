@@ -88,8 +88,9 @@ def check_modes(
                 shapes = f", smallest MAC {least:.4f} (limit {mac:g}), {over}"
             elif not any(len(pair.node_ids) for pair in theirs):
                 shapes = "; the file has no mode shapes"
-            result = f"mode{'s' * (len(pairs) != 1)} {'' if agrees else 'dis'}agree{'s' * (len(pairs) == 1)}"
             largest = f"{100 * worst:.3g} % (limit {tolerance:g} %)" if isfinite(worst) else "undefined (mode at 0 Hz)"
-            say(f"{len(pairs)} {result}: largest frequency difference {largest}{shapes}")
+            result = "agree" if agrees else "disagree"
+            modes = f"{len(pairs)} mode{'s' * (len(pairs) != 1)} of the file and of the deck"
+            say(f"{modes} {result}: largest frequency difference {largest}{shapes}")
         if not agrees:
             raise typer.Exit(INCONSISTENT)

@@ -23,11 +23,11 @@ class RemainingTime:
     after: float | None = None
 
     def text(self, now: float) -> str:
-        """`about 0:12 left, 1:30 for the next stages`, or nothing."""
+        """`about 0:12 of run time left, 1:30 for the next stages`, or nothing."""
         if self.until is None or self.until <= now:
             return ""
         then = f", {spelt(self.after)} for the next stages" if self.after is not None and self.after >= 1.0 else ""
-        return f"about {spelt(self.until - now)} left{then}"
+        return f"about {spelt(self.until - now)} of run time left{then}"
 
 
 def ends_at(started: float, now: float, share: float, last: float | None) -> float | None:

@@ -83,7 +83,7 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
     from strainsight.parallel import cores as usable
 
     available = cores or usable()
-    findings = [DoctorFinding("cores", GOOD, f"{available} available to this process")]
+    findings = [DoctorFinding("cores", GOOD, f"{available} cores available to this process")]
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         if (value := environment.get(name)) is None:
             continue
@@ -91,7 +91,14 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
         if not threads.isdigit() or int(threads) < 1:
             findings.append(DoctorFinding(name, WARNING, f"'{value}' is not a positive number of threads", remedy))
         elif int(threads) > available:
-            findings.append(DoctorFinding(name, WARNING, f"{threads} threads on only {available} cores", remedy))
+            findings.append(
+                DoctorFinding(
+                    name,
+                    WARNING,
+                    f"numerical libraries start {threads} threads, but only {available} cores are available",
+                    remedy,
+                )
+            )
         else:
             several = ": suitable for several parallel runs" * (int(threads) < available)
             findings.append(DoctorFinding(name, GOOD, f"{threads} of {available} cores{several}"))

@@ -32,17 +32,17 @@ class Example:
 
 EXAMPLES = {
     "cantilever": Example(
-        "four gauges on a steel cantilever: Young's modulus from a known force (half a minute)",
+        "four gauges on a steel cantilever: Young's modulus from a known force (run time half a minute)",
         "configs/cantilever-youngs-modulus.yaml",
         ("meshes/cantilever.bdf",),
     ),
     "lug": Example(
-        "six gauges on a lug bracket with bolt holes: three unknown loads at the eye (two minutes)",
+        "six gauges on a lug bracket with bolt holes: three unknown loads at the eye (run time two minutes)",
         "configs/lug/lug-input.yaml",
         ("meshes/lug.bdf.gz",),
     ),
     "test": Example(
-        "a test record of four gauges on the cantilever: force and strain (half a minute)",
+        "a test record of four gauges on the cantilever: force and strain (run time half a minute)",
         "docs/examples/test.yaml",
         ("docs/examples/test.csv", "docs/examples/bonded.csv", "meshes/cantilever.bdf"),
     ),

@@ -216,7 +216,7 @@ def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
             answers = replace(answers, **answer)
 
     known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
-    lacking = f"material of the deck (missing or without density): {known}"
+    lacking = f"material (the deck has none, or no density): {known}"
     ask("material", lacking, partial(read_material, "material"), bool(hints.lacking))
     what = "active support set" if hints.support_key == "spc" else "active step"
     sets = ", ".join(map(str, hints.support_sets))

@@ -214,6 +214,13 @@ def estimate(
         overrides.append("estimate.accept_inconsistent=true")
     work = pipelines.work_of_one(config, options.results, overrides, "estimate")
     if "estimate" not in [stage.name for stage in work.stages]:
+        if work.job.config.get("estimate"):
+            raise ConfigError(
+                "the measurement file is missing",
+                key="estimate.file",
+                where=str(config),
+                remedy="use --measurements FILE, or set `file` in the section `estimate`",
+            )
         raise ConfigError(
             "the config has no section `estimate`",
             key="estimate",

@@ -63,7 +63,9 @@ def _no_link(folder: Path) -> Path:
     """The results folder; the default folder may be a link only if the user names its target."""
     if folder == DEFAULT_RESULTS and folder.is_symlink():
         target = os.readlink(folder)
-        raise typer.BadParameter(f"{folder} is a link to {target}; to write there, use --results {shlex.quote(target)}")
+        raise typer.BadParameter(
+            f"the results folder {folder} is a link to {target}; to write there, use --results {shlex.quote(target)}"
+        )
     return folder
 
 

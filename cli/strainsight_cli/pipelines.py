@@ -70,13 +70,15 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
     try:
         last = header_of(artefact).config.get("estimate") or {}
     except ArtefactError as error:
-        note(f"the test in {artefact} is not shown: {error.what}")
+        note(f"the estimate from the test in {artefact} is not shown: {error.what}")
         return loaded
     if last.get("records"):
-        note(f"the test in {artefact} is not shown: it has several records, but the config has no `estimate.records`")
+        note(
+            f"the estimate from the test in {artefact} is not shown: the config has no `estimate.records`, but the test has"
+        )
         return loaded
     if not (loaded.path.parent / str(last.get("file") or "")).is_file():
-        note(f"the test in {artefact} is not shown: the measurement file {last.get('file')} is missing")
+        note(f"the estimate from the test in {artefact} is not shown: measurement file {last.get('file')} is missing")
         return loaded
     last_test = [Override(f"estimate.{key}", last[key], str(artefact)) for key in LAST_TEST if last.get(key)]
     return loaded_config(path, [*(overrides or ()), *last_test])

@@ -60,7 +60,7 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
 
     start = time.perf_counter()
     versions = f"strainsight {strainsight.__version__}, python {platform.python_version()}"
-    waiting = [_line(f"begins: {job.config['name']}, {stages}; {versions}")]
+    waiting = [_line(f"run begins: {job.config['name']}, {stages}; {versions}")]
 
     def log(text: str) -> None:
         waiting.append(_line(placeless(text, (job.base, job.results))))
@@ -96,9 +96,9 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
 
 
 def peak() -> str:
-    """Peak memory of this process, as in "peak 0.38 GiB"."""
+    """Peak memory of this process, as in "peak memory 0.38 GiB"."""
     peak_bytes = peak_memory()
-    return "peak memory unknown on this system" if peak_bytes is None else f"peak {peak_bytes / 2**30:.2f} GiB"
+    return "peak memory unknown on this system" if peak_bytes is None else f"peak memory {peak_bytes / 2**30:.2f} GiB"
 
 
 def append(path: Path, text: str, wait: bool = True) -> None:

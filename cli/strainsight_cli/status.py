@@ -74,8 +74,10 @@ def sum_of(statuses: Sequence[Status]) -> str:
 
 
 GIB = 2.0**30
-FACTOR = "processor time and memory are accurate to a factor of two (docs/scaling.md)"
-WITH_PLACE = "processor time and memory are accurate to a factor of two (stage place: three; docs/scaling.md)"
+FACTOR = "the forecast of processor time and memory is accurate to a factor of two (docs/scaling.md)"
+WITH_PLACE = (
+    "the forecast of processor time and memory is accurate to a factor of two (stage place: three; docs/scaling.md)"
+)
 
 
 def forecast(work: Work, pending: Collection[str], imported: Artefact | None) -> str:

@@ -32,7 +32,7 @@ def tried(name: str, words: Sequence[str] = (), seconds: float = SECONDS) -> tup
         text = late.stdout or b""
         return _results(
             text.decode(errors="replace") if isinstance(text, bytes) else text
-        ), f"no result after {seconds:g} s"
+        ), f"the check has no result after {seconds:g} s"
     if done.returncode < 0:
         return _results(done.stdout), f"crashed with {_signal(-done.returncode)}"
     last = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]

@@ -111,7 +111,7 @@ def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...], comman
         show_warnings(work, statuses)
     stale = [status for status in statuses if status.stage in read and status.status != UP_TO_DATE]
     for status in stale[:1]:
-        note(f"{status.artefact} is older than the config: {status.reason}")
+        note(f"the results file {status.artefact} is older than the config: {status.reason}")
 
 
 def figures(

@@ -249,7 +249,7 @@ def _checked(path: Path | str, overrides: Iterable[str], kind: type[Config]) -> 
     if not isinstance(config, kind):
         word = "placement" if kind is PlacementConfig else "bench"
         raise ConfigError(
-            f"the config has the kind {config.kind}",
+            f"a config of the kind {word} is required, but the config has the kind {config.kind}",
             where=str(path),
             key="kind",
             remedy=f"use a config with `kind: {word}`",
@@ -376,9 +376,9 @@ def estimate(
     estimation = campaign(case, mesh, reduced, training, screened, gauges).only
     if estimation is None:
         raise ConfigError(
-            "the test has several records",
+            "`estimate` of strainsight.api supports a single record, but the test has several",
             key="estimate.records",
-            remedy="call `campaign` of strainsight.api instead; it returns every record by name",
+            remedy="call `campaign` of strainsight.api instead; it returns the estimates of all records",
         )
     return estimation
 

@@ -94,9 +94,9 @@ class Run(Written):
         artefact = self.artefact("estimate")
         if campaign_in(artefact) is not None:
             raise UserError(
-                "the test has several records",
+                "`estimated` supports a single record, but the test has several",
                 where=str(artefact.path),
-                remedy="use the attribute `records`, a dict by record name",
+                remedy="use the attribute `records`, a dict from the name of a record to its estimate",
             )
         return read(Estimated, artefact)
 

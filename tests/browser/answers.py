@@ -31,7 +31,7 @@ def shown(found: Opened) -> dict[tuple[str, ...], list[float]]:
     numbers: dict[tuple[str, ...], list[float]] = {}
     for place, value, text in found.page.evaluate(WHERE):
         assert rounded(Number(float(value), text, str(place))), (place, value, text)
-        place[-1] = re.sub(r"^best other placement rule(?:, limits violated)? \(.*\)$", "best other placement rule", place[-1])
+        place[-1] = re.sub(r"^metric of the best other .*? \(.*\)$", "best other rule", place[-1])
         numbers.setdefault(tuple(place), []).append(float(value))
     return numbers
 
@@ -56,12 +56,12 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
             load = name in config["loads"]
             tile = f"{name}, {'load' if load else 'parameter'}"
             found[tile, "value"] = [std] if load else [told[f"estimate.{name}"], std]
-            found[tile, "error in validation"] = [told[f"error.{name}"]]
+            found[tile, "error in the simulated test"] = [told[f"error.{name}"]]
             found[tile, "expected σ"] = [expected]
             if load:
                 found[tile, "true RMS"] = [np.sqrt(np.mean(truth**2))]
                 found[tile, "estimated RMS"] = [told[f"estimate.{name}"]]
-                found[tile, "error after smoothing"] = [told[f"smoothed.{name}"]]
+                found[tile, "error of the smoothed estimate"] = [told[f"smoothed.{name}"]]
             else:
                 found[tile, "true value"] = [truth[-1]]
             if told.get(f"identified.{name}", True):
@@ -76,7 +76,7 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
         found[bound, "value"] = [max(chosen["gap"], 0.0)]
         found[bound, "metric tr(W P)"] = [chosen["trace_final"]]
         found[bound, "lower bound"] = [chosen["lower_bound"]]
-        found[bound, "best other placement rule"] = [_best_other(place)]
+        found[bound, "best other rule"] = [_best_other(place)]
     return {where: [float(value) for value in values] for where, values in found.items()}
 
 

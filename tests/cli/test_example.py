@@ -182,7 +182,7 @@ def forecast_call(tmp_path):
 
 FORECAST = (
     "forecast: modes 1 s, rom 1 s, place 4 s and spectrum 1 s for 246 degrees of freedom, 0.15 GiB; "
-    "processor time and memory"
+    "the forecast of processor time and memory"
 )
 
 

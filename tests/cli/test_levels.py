@@ -125,11 +125,11 @@ def texts(log: str) -> list[str]:
 
 def test_a_line_a_start_and_an_end_with_time_memory_message_and_warnings(work):
     begins, starts, warning, done, ends = texts(run(work(good)))
-    assert begins.startswith("begins: toy, good; strainsight ")
+    assert begins.startswith("run begins: toy, good; strainsight ")
     assert starts == "good starts: never run"
     assert warning == "warning: �[2Jlook at this"
-    assert re.fullmatch(r"good done after \d+\.\d s, peak \d+\.\d\d GiB: three numbers", done)
-    assert re.fullmatch(r"finished after \d\.\d s, peak \d+\.\d\d GiB", ends)
+    assert re.fullmatch(r"good done after \d+\.\d s, peak memory \d+\.\d\d GiB: three numbers", done)
+    assert re.fullmatch(r"finished after \d\.\d s, peak memory \d+\.\d\d GiB", ends)
 
 
 @pytest.mark.parametrize(("function", "error"), [(bad, InfeasibleError), (crash, FileNotFoundError)])

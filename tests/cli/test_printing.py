@@ -139,7 +139,7 @@ def drawn(environment: dict[str, str]) -> bytes:
 @pytest.mark.parametrize(("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False)])
 def test_progress_bar_shows_remaining_time(environment, coloured):
     said = drawn(environment)
-    assert b"about 0:42 left, 1:15 for the next stages" in COLOUR.sub(b"", said)
+    assert b"about 0:42 of run time left, 1:15 for the next stages" in COLOUR.sub(b"", said)
     assert b"so {far} [red]" in COLOUR.sub(b"", said)
     assert b"run [1]" in COLOUR.sub(b"", said)
     assert b"\x1b]0;" not in said

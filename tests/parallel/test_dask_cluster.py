@@ -117,8 +117,8 @@ def test_another_version_is_refused_before_anything_is_computed(cluster, monkeyp
 def test_a_worker_of_the_same_version_and_other_sources_is_refused(cluster, monkeypatch):
     with opened(Where(dask=cluster.address)) as sweep:
         monkeypatch.setattr(module, "sources", lambda: "0" * 16)
-        with pytest.raises(UserError, match=r"worker .* has a different installation: source code of strainsight .* "
-        r"\(0+ on this computer\)"):
+        with pytest.raises(UserError, match=r"worker .* has a different installation: checksum of the source code "
+        r"of strainsight .* \(0+ on this computer\)"):
             sweep(tasks.product, [1], MATRIX)
 
 

@@ -121,6 +121,6 @@ def test_whoever_starts_from_another_run_is_refused(project, undisturbed, tmp_pa
     flip(results / file, -9)
     code, said = command(*words, "--results", str(results))
     assert code == 2, said
-    assert f"{results / file}  the results file is damaged: the checksum is wrong\n" in said
+    assert f"{results / file}  the results file is damaged: the checksum does not match the content\n" in said
     assert "run the stage again to replace the file" in said
     assert before == {path: path.read_bytes() for path in results.rglob("*") if path.is_file() and path != results / file}

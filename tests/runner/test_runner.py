@@ -103,9 +103,9 @@ def test_a_page_that_was_altered_or_deleted_is_written_again(job):
     done(job)
     page = job.folder / "page.html"
     page.write_bytes(b"other")
-    assert will_run(job) == {"show": "page.html was altered"}
+    assert will_run(job) == {"show": "file page.html was altered"}
     page.unlink()
-    assert will_run(job) == {"show": "page.html is missing"}
+    assert will_run(job) == {"show": "file page.html is missing"}
     done(job)
     assert page.read_bytes() == b"<html>"
 

@@ -157,6 +157,11 @@ def test_a_record_with_the_config_is_named(project, monkeypatch):
     )
 
 
+def test_a_test_without_a_measurement_file_names_the_option(project):
+    change(project, [("  file: test.csv\n", "")])
+    refused(project, ["estimate", "test.yaml"], "estimate.file: the measurement file is missing", "--measurements FILE")
+
+
 def test_from_another_working_directory_the_results_that_are_there_are_named(project, monkeypatch):
     done = CliRunner().invoke(app, ["import", "test.yaml"])
     assert (done.exit_code, done.stderr) == (0, "")

@@ -76,7 +76,7 @@ def test_the_page_and_the_table_say_the_same_of_a_diverged_repeat():
     assert unknowns.repeats_worst.tolist() == [np.inf]
     assert unknowns.verdict == ("diverged",)
     (table,) = suite_tables(report)
-    assert table.rows[0][-2:] == ("RMS 0.16 %, 1 of 3 runs diverged", "diverged")
+    assert table.rows[0][-2:] == ("RMS error 0.16 %, 1 of 3 runs diverged", "diverged")
 
 
 def test_every_dataset_and_every_scalar_is_listed(suite):

@@ -170,7 +170,7 @@ def facets_of(values):
 def test_a_load_alone_strains_as_a_beam_does(strain):
     """ε = −F (L − x) z/(E I) on the upper and lower face, away from the clamp and the tip."""
     alone, _ = strain.panels
-    assert alone.title == "tip alone, 1\u00a0kN, static"
+    assert alone.title == "static strain under load tip alone, 1\u00a0kN"
     assert (strain.on, strain.unit, strain.quantity) == (FACETS, "µm/m", "principal strain of largest magnitude")
     corner = strain.layout.points[strain.layout.faces[:, :4]]
     x, z = corner.mean(axis=1)[:, 0], corner.mean(axis=1)[:, 2]
@@ -185,7 +185,7 @@ def test_a_training_run_is_shown_at_its_largest_strain_energy(strain, artefacts)
     q, K = artefacts["train"]["/coordinate"], read(Reduced, artefacts["rom"]).model
     K = K.stiffness.at(K.reference)
     k = max(range(len(q)), key=lambda i: q[i] @ K @ q[i])
-    assert run.title == f"training simulation, t = {artefacts['train']['/time'][k]:.4g} s"
+    assert run.title == f"training simulation (stage train), t = {artefacts['train']['/time'][k]:.4g} s"
     grid = pv.read(artefacts["import"].path.with_suffix(".vtkhdf"))
     u = (artefacts["rom"]["/basis"] @ q[k]).reshape(-1, 3)
     for i in facets_of(run.values):

@@ -26,7 +26,7 @@ DESERTED = 60.0
 """[s] without any worker after which a sweep is aborted."""
 SAME = ("strainsight", "numpy", "scipy", "numba", "dask", "distributed", "cloudpickle")
 """Packages that need the same version everywhere: the first four determine the results, the rest transports them."""
-CODE = "source code of strainsight"
+CODE = "checksum of the source code of strainsight"
 SILENT = 30.0
 """[s] for the scheduler to answer during a sweep, when it may be busy."""
 CARRYING = 10
@@ -121,7 +121,7 @@ def _require_workers(client: Any, address: str) -> None:
     try:
         scheduler, workers = client.sync(collect_versions, callback_timeout=ANSWER)
     except TimeoutError:
-        raise _frozen(f"a worker of the Dask scheduler at {address}", ANSWER) from None
+        raise _frozen(f"a worker of the Dask scheduler at {address} has not answered for {ANSWER:g} s") from None
     _refuse_others(scheduler["packages"], "scheduler")
     for worker, report in workers.items():
         _refuse_others(report["packages"], f"worker {worker}")
@@ -240,7 +240,7 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
         return dict(zip((future.key for future in done), values, strict=True))
     except TimeoutError:
         _identities(client)
-        raise _frozen("a Dask worker that holds results", CARRYING * SILENT) from None
+        raise _frozen(f"a Dask worker has not sent its results for {CARRYING * SILENT:g} s") from None
     except KilledWorker:
         raise StrainsightError(
             "several workers of the cluster were killed by the same task, probably because memory ran out",
@@ -276,12 +276,11 @@ def _look_for_workers(client: Any, watch: _Watch) -> None:
     }
     for worker, (_, since) in watch.heartbeats.items():
         if now - since > FROZEN:
-            raise _frozen(f"the Dask worker {worker}", FROZEN)
+            raise _frozen(f"the Dask worker {worker} has not answered for {FROZEN:g} s")
 
 
-def _frozen(who: str, seconds: float) -> UserError:
-    remedy = "check that the machine of the worker is running, and restart the worker"
-    return _lost(f"{who} has not answered for {seconds:g} s", remedy)
+def _frozen(what: str) -> UserError:
+    return _lost(what, "check that the machine of the worker is running, and restart the worker")
 
 
 def _lost(what: str, remedy: str) -> UserError:

@@ -225,7 +225,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         )
     if unconstrained:
         raise InfeasibleError(
-            f"no motion of a body changes the constraint '{'; '.join(unconstrained)}' at these positions of the bodies",
+            f"the constraint '{'; '.join(unconstrained)}' restrains no motion at these positions of the bodies",
             remedy="remove the constraint, or rotate the axes of a frame of the joint",
         )
     B = B / norms[:, None]
@@ -247,7 +247,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         if values[0] < 1e-10 * values[-1]:
             raise InfeasibleError(
                 f"body {system.most_in(null @ vectors[:, 0])} can move without inertia (smallest eigenvalue of the mass "
-                f"matrix of the free motions: {values[0] / values[-1]:.1e} of the largest)",
+                f"matrix of the free motions: {values[0] / values[-1]:.1e} times the largest)",
                 remedy="specify mass and inertia of this body, or constrain the motion with a joint",
             )
 
@@ -259,7 +259,7 @@ def _dependence(system: System, T: np.ndarray, order: np.ndarray, rank: int) -> 
     dependent = []
     for k, share in zip(order[rank:], shares.T, strict=True):
         others = [names[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > 1e-6][:4]
-        dependent.append(f"'{names[k]}' follows from {', '.join(others) or 'the rigidity of the bodies'}")
+        dependent.append(f"'{names[k]}' follows from {', '.join(others) or 'rigid-body constraints'}")
     listed = "; ".join(dependent[:6])
     return f"{len(dependent)} of {len(names)} constraints are redundant at these positions of the bodies ({listed})"
 

@@ -266,7 +266,7 @@ def _components(frame: Frame, direction: np.ndarray) -> tuple[Relation, ...]:
     )
     along = Carried(frame.body, 0.0, np.asarray(c), np.asarray(C))
     return tuple(
-        Relation(f"direction of the load in the axes of {frame.name}", (constant(e),), (along,)) for e in np.eye(3)
+        Relation(f"load direction in the axes of frame {frame.name}", (constant(e),), (along,)) for e in np.eye(3)
     )
 
 

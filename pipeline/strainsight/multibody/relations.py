@@ -35,12 +35,16 @@ def coincidence(i: Frame, j: Frame, k: int, value: float = 0.0) -> Relation:
 
 def dot(i: Frame, a: int, j: Frame, b: int) -> Relation:
     """a_{i,a}·a_{j,b} [-]."""
-    return Relation(f"{'xyz'[a]} axis of {i.name} · {'xyz'[b]} axis of {j.name}", (i.axis(a),), (j.axis(b),))
+    return Relation(
+        f"scalar product of the {'xyz'[a]} axis of {i.name} and the {'xyz'[b]} axis of {j.name}",
+        (i.axis(a),),
+        (j.axis(b),),
+    )
 
 
 def cosine(i: Frame, a: int, j: Frame, b: int) -> Relation:
     """a_{i,a}·a_{j,b}: 1 for parallel axes [-]."""
-    return Relation(f"the axes of '{i.name}' and '{j.name}'", (i.axis(a),), (j.axis(b),))
+    return Relation(f"scalar product of the axes of '{i.name}' and '{j.name}'", (i.axis(a),), (j.axis(b),))
 
 
 def offset(i: Frame, a: int, j: Frame) -> Relation:

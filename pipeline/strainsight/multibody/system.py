@@ -200,7 +200,7 @@ def _rigidity(bodies: Sequence[Body]) -> tuple[list[Relation], list[str]]:
             R = [Carried(body.name, 0.0, e, np.zeros((3, 0))) for e in np.eye(3)]
             relations += [Relation("", (R[a],), (R[b],), float(a == b)) for a in range(3) for b in range(a, 3)]
             names += [
-                f"{AXES[a]} axis · {AXES[b]} axis of the frame of body {body.name}"
+                f"scalar product of the {AXES[a]} axis and the {AXES[b]} axis of body {body.name}"
                 for a in range(3)
                 for b in range(a, 3)
             ]
@@ -224,7 +224,7 @@ def _directions(force: FrameLoad) -> np.ndarray:
     _refuse_twins(f"inputs of the force {force.name}", list(force.inputs))
     if D.shape != (3, len(force.inputs)):
         raise InfeasibleError(
-            f"{force.name}: the array of load directions has shape {D.shape}, but {len(force.inputs)} inputs require "
+            f"force {force.name}: the array of load directions has shape {D.shape}, but {len(force.inputs)} inputs require "
             f"(3, {len(force.inputs)})"
         )
     return D.T

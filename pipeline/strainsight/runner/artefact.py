@@ -260,13 +260,13 @@ def _refuse_damaged(path: Path) -> None:
     if not path.is_file():
         raise ArtefactError("results file not found", where=str(path), remedy="run the stage that writes this file")
     if path.stat().st_size < BLOCK:
-        raise damaged(path, f"the file ends after {path.stat().st_size} bytes")
+        raise damaged(path, f"the file has only {path.stat().st_size} bytes, less than its header")
     if not is_sealed(path):
         raise ArtefactError(
             "the file is not a strainsight results file", where=str(path), remedy="use an .h5 file from results/NAME"
         )
     if not is_intact(path):
-        raise damaged(path, "the checksum is wrong")
+        raise damaged(path, "the checksum does not match the content")
 
 
 def _opened(path: Path) -> h5py.File:

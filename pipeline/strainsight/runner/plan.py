@@ -106,9 +106,11 @@ ESTIMATED, MEASURED = "validate", "simulate"
 """Stages with artefacts that another run starts from: `guess: {from: NAME}` without `stage`, and `measured: {from: NAME}`."""
 UP_TO_DATE = "up to date"
 WILL_RUN = "will run"
-OTHER_CODE = "computed by different source code of the same stage version; use --force to compute the stage again"
+OTHER_CODE = (
+    "result computed by different source code of the same stage version; use --force to compute the stage again"
+)
 """Reason for an artefact of the same stage version from other code."""
-NO_CODE = "computed by an earlier release of strainsight; use --force to compute the stage again"
+NO_CODE = "result computed by an earlier release of strainsight; use --force to compute the stage again"
 """Reason for an artefact of an earlier release."""
 
 Locate = Callable[[str], str | None]
@@ -239,7 +241,7 @@ def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finishe
     for name, digest in (header.side_files or {}).items():
         sibling = artefact.path.parent / name
         if digest_or_none(sibling) != digest:
-            reasons.append(f"{name} {'was altered' if sibling.exists() else 'is missing'}")
+            reasons.append(f"file {name} {'was altered' if sibling.exists() else 'is missing'}")
     complete = len(upstream) == len(stage.upstream) and len(inputs.digests) == len(inputs.files)
     # The comparison above is for people; the key decides. A header altered by hand is caught here.
     if not reasons and complete and inputs.key(stage, upstream) != header.key:

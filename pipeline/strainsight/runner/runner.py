@@ -145,7 +145,7 @@ def _copied(source: Path, folder: Path, header: ArtefactHeader, records: tuple[s
         parts.append((_shared(source, folder), folder / source.name))
         artefact = Artefact(parts[0][0])
         if artefact.header != header:
-            raise ArtefactError("the results file was replaced by another run while it was copied", where=str(source))
+            raise ArtefactError("not reused, because another run replaced the results file", where=str(source))
         for name, digest in (artefact.header.side_files or {}).items():
             size = (artefact.header.sizes or {}).get(name, -1)
             parts.append(
@@ -167,7 +167,9 @@ def _copy_sibling(path: Path, size: int, digest: str, part: Path) -> None:
                 copied += copy.write(block)
                 checksum.update(block)
     if not as_stated or copied != size or checksum.hexdigest() != digest:
-        raise ArtefactError(f"{path.name} differs from the file that the stage wrote", where=str(path))
+        raise ArtefactError(
+            f"not reused, because {path.name} differs from the file that the stage wrote", where=str(path)
+        )
 
 
 def _as_stated(status: os.stat_result, size: int, free: int) -> bool:

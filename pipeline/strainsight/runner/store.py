@@ -233,7 +233,7 @@ def _check(output: Output) -> None:
         if missing:
             raise ValueError(f"{path}: the dimension scale {missing[0]} is not among the datasets of the stage")
         if len(dataset.scales) > np.ndim(dataset.array):
-            raise ValueError(f"{path}: {len(dataset.scales)} scales for {np.ndim(dataset.array)} axes")
+            raise ValueError(f"{path} has {np.ndim(dataset.array)} axes, but {len(dataset.scales)} dimension scales")
     for name in output.files:
         if not is_plain_name(name):
             raise ValueError(f"'{name}' is not permitted as name of a file next to the results file")

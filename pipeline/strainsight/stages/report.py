@@ -163,7 +163,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         "/noise/level": Dataset(
             noise.level,
             "1",
-            "noise standard deviation of a gauge, divided by the largest RMS strain of all candidates in the training simulation",
+            "noise standard deviation of a gauge, divided by the largest RMS strain of all candidates in the stage train",
         ),
     }
     for key, by_name in (("error", noise.error), ("std", noise.std)):

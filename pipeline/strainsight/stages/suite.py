@@ -340,9 +340,11 @@ def _repeats(repeats: Repeats | None) -> str:
     if repeats is None:
         return ""
     lost = (
-        f"{repeats.lost} of {len(repeats.error)} runs diverged" if repeats.lost else f"max. {_percent(repeats.worst)}"
+        f"{repeats.lost} of {len(repeats.error)} runs diverged"
+        if repeats.lost
+        else f"largest error {_percent(repeats.worst)}"
     )
-    return f"RMS {_percent(rms(repeats.error))}, {lost}"
+    return f"RMS error {_percent(rms(repeats.error))}, {lost}"
 
 
 def _percent(value: float | None) -> str:

@@ -70,7 +70,7 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     )
     words = ("candidates", "bonded", "accelerometers", "displacement sensors")
     counts = ", ".join(f"{kind.sum()} {word}" for kind, word in zip(kinds, words, strict=True) if kind.any())
-    parts = [counts, f"{steps} steps, largest RMS strain {1e6 * strongest:.4g} µm/m"]
+    parts = [counts, f"{steps} time steps, largest RMS strain {1e6 * strongest:.4g} µm/m"]
     if cases:
         parts[1] += f" in {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
     if strongest > LARGE_STRAIN:
@@ -117,7 +117,9 @@ def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> 
         for grids in (pool.take(np.array([c])).grids,)
     )
     return Table(
-        "bonded gauges, moved to the surface", ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"), rows
+        "positions of the bonded gauges after projection to the surface",
+        ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"),
+        rows,
     )
 
 
@@ -203,16 +205,19 @@ def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) ->
         if settings.keep != "all" and kept_count < min(settings.keep, clear):
             name = str(screened.family[int(i)])
             spacing = (
-                f"closer than {1e3 * settings.minimum_spacing:g} mm to another candidate",
+                f"the distance to another candidate is below {1e3 * settings.minimum_spacing:g} mm",
                 "reduce screen.minimum_spacing",
             )
-            too_large = "strained beyond their measuring range", "use sensors with a larger measuring range"
+            too_large = (
+                "the reading exceeds the measuring range",
+                "use sensors with a larger measuring range",
+            )
             faults, remedy = zip(
                 *[words for code, words in ((NEAR, spacing), (OVER_RANGE, too_large)) if code in reasons], strict=True
             )
             yield (
                 f"screen.keep requests {settings.keep} candidates of the kind '{name}', but only {kept_count} of {clear} pass "
-                f"the screening, because the others are {' or '.join(faults)}. {' or '.join(remedy).capitalize()}."
+                f"the screening, because {' or '.join(faults)}. {' or '.join(remedy).capitalize()}."
             )
 
 

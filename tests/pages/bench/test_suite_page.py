@@ -110,7 +110,7 @@ def test_a_statement_over_seeds_is_shown_with_its_spread_in_how_many_it_holds_an
     assert measured(found) == "10 (2 to 18) %"
     page = statements_table(suite([run("one")], (found,)))
     assert "median and 10 to 90 % quantiles of 21 random seeds" in words(page)
-    assert "except one: n within the bounds for 5 of 21 random seeds" in words(page)
+    assert "except one: n within the bounds of the claim for 5 of 21 random seeds" in words(page)
     assert "Loads &lt;move&gt;." in page
 
 
@@ -159,4 +159,4 @@ def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
     share = re.search(r'<data value="([\d.]+)">[^<]*%', answer)
     assert float(share[1]) == pytest.approx(58.68 / 40)
     resolved = answer.index("The time step resolves load frequencies")
-    assert answer.index('class="bad">Stress on hub: at most') < share.start() < resolved
+    assert answer.index('class="bad">Largest von Mises stress on hub: ') < share.start() < resolved

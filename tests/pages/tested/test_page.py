@@ -78,6 +78,16 @@ def test_a_channel_is_compared_with_its_noise():
     assert gone == 0
 
 
+@pytest.mark.parametrize("consistent", [True, False])
+def test_a_large_residual_is_marked_only_in_an_inconsistent_record(consistent):
+    own = findings()
+    loud = replace(own.readings[0], noise_std=NOISE / 10)
+    text = page(own=replace(own, readings=(loud, *own.readings[1:]), consistent=consistent))
+    row = re.search(r">G1</span></th>(.*?)</tr>", text)
+    assert row
+    assert ('class="bad"' in row[1]) is not consistent
+
+
 def test_missing_samples_are_counted_and_never_drawn_across():
     drawn = (reading_figure(missing().readings[0]), spectrum_figure(missing().residuals[0], "#0072b2"))
     text = page_of_test(missing(), drawn, ())

@@ -224,17 +224,13 @@ class _Session:
                 key="solver",
                 remedy=f"use the launcher of the MPI that petsc4py was built with: export {LAUNCHER}=…",
             )
-        remedy = ""
-        if mpi["complex"]:
-            what, remedy = f"PETSc {mpi['petsc']} is built for complex numbers", "use a PETSc build for real numbers"
-        elif not mpi["mumps"]:
-            what, remedy = (
-                f"PETSc {mpi['petsc']} is built without MUMPS",
-                "build PETSc with --download-mumps --download-scalapack",
-            )
-        if remedy:
+        if mpi["complex"] or not mpi["mumps"]:
+            what = "for complex numbers" if mpi["complex"] else "without MUMPS"
+            build = "for real numbers" if mpi["complex"] else "with --download-mumps --download-scalapack"
             raise UserError(
-                what, key="solver", remedy=f"{remedy}; or select another interpreter: export {PYTHON}=/path/to/python"
+                f"PETSc {mpi['petsc']} is built {what}",
+                key="solver",
+                remedy=f"build PETSc {build}, or select another interpreter: export {PYTHON}=/path/to/python",
             )
         self.started = True
         return mpi
@@ -338,7 +334,7 @@ class _Session:
                 remedy=f"set more processes in the launcher command (export {LAUNCHER}=…), or build PETSc --with-64-bit-indices",
             )
         if text := answer.get("text"):
-            return NumericalError(text, key="solver", remedy="set solver: direct")
+            return NumericalError(f"an MPI process failed: {text}", key="solver", remedy="set solver: direct")
         text = f"MUMPS stopped with INFOG(1) = {answer['code']}, INFOG(2) = {answer['detail']}"
         return NumericalError(
             text, key="solver", remedy="look up INFOG(1) in the manual of MUMPS, or set solver: direct"

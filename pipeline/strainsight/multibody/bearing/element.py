@@ -157,7 +157,7 @@ def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = 
         factor = max(factor / 4, 1.0)
         y, left = _newton(bearing, unit, factor * F, y)
         if left > 1:
-            why = f"after {ITERATIONS} iterations the unbalanced force is {left:.1e} times the tolerance"
+            why = f"after {ITERATIONS} iterations the unbalanced force on the inner ring is {left:.1e} times the tolerance"
             raise _none(NumericalError, factor * F, why)
     semi_axis = float(ball_loads(bearing, unit * y).semi_axes.max())
     if semi_axis > bearing.ball_diameter / 2:

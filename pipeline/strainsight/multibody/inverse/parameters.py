@@ -140,7 +140,7 @@ def parameter_coordinates(
     for name in free:
         if name not in names:
             known = f"parameters: {', '.join(names) or 'none'}"
-            raise InfeasibleError(f"parameter {name} not found", remedy=did_you_mean(name, names, known))
+            raise InfeasibleError(f"the bench has no parameter {name}", remedy=did_you_mean(name, names, known))
         bearing, _, part = name.rpartition(".")
         if not bearing or part not in PARAMETERS:
             unknowns.append(_Unknown(name, names.index(name), "log"))

@@ -118,7 +118,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
     caption = (
         f"{name} on this bench. Below, ratio of {name} on this bench to {name} on the measured bench (the run in "
         f"estimate.measured.from). Range of the ratio while {name} on the measured bench "
-        f"exceeds {number(LARGE)} of its maximum: {'; '.join(text) or 'not available'}."
+        f"exceeds {number(LARGE)} times its maximum: {'; '.join(text) or 'not available'}."
     )
     return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", svg(canvas))
 
@@ -229,8 +229,8 @@ def _ending(history: History) -> str:
         return f"last value {number(float(history.mean[-1]), 4)} {history.unit}"
     scale = largest(history.truth) or 1.0
     return (
-        f"error at the end of the run {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the "
-        "largest true value"
+        f"error at the end of the run is {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} "
+        "times the largest true value"
     )
 
 

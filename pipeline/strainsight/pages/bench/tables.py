@@ -91,7 +91,7 @@ MEANINGS = {
     "slope": "Slope and offset: linear fit estimate = slope · true value + offset.",
     "load ratio": "Load ratio: load on this bench divided by the load on the measured bench (the run in estimate.measured.from). "
     "Slope and offset: linear fit load on this bench = slope · load on the measured bench + offset. "
-    "Mean and range: over the instants at which the load on the measured bench exceeds 0.3 of its maximum.",
+    "Mean and range: over the instants at which the load on the measured bench exceeds 0.3 times its maximum.",
     "mismatch": "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading. The table "
     "shows the largest value of all components, separately for the sensors used by the filter and the unused sensors.",
     "NIS": "NIS: normalised innovation squared divided by the number of channels.",
@@ -168,7 +168,7 @@ def mismatch_table(run: BenchPageRun) -> str:
     for sensor in run.sensors:
         parts = [(name, run.number(f"mismatch.{sensor.name}.{i}")) for i, name in enumerate(sensor.components, start=1)]
         listed = ", ".join(f"{escape(name)} {ratio(value)}" for name, value in parts if value is not None)
-        use = "used by the filter" if sensor.used else "for comparison only"
+        use = "measurement of the filter" if sensor.used else "compared with the estimate only"
         rows.append([escape(sensor.name), use, ratio(run.number(f"mismatch.{sensor.name}")), listed or "–"])
     caption = "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading."
     head = ("sensor", "use", "largest mismatch", "mismatch by component")
@@ -205,7 +205,9 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
         caption += f" No allowed layout{of} reduces {symbol} by more than {ratio(max(gap, 0.0))}."
     if "proven" in numbers:
         caption += (
-            " Optimality is proven." if numbers["proven"] else " Optimality was not proven within the time limit."
+            " The layout is proven optimal."
+            if numbers["proven"]
+            else " The time limit did not permit a proof of optimality."
         )
     return loads + table("gauges", columns, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(columns))])
 
@@ -223,8 +225,8 @@ def bench_answer(run: BenchPageRun) -> str:
         return text
     words = f"on {escape(stress.body)}: {stress_words(stress, measure, share)}."
     if stress.too_high:
-        return f'<strong class="bad">Stress {words}</strong> {text}'
-    return f"{text} Von Mises stress {words}"
+        return f'<strong class="bad">Largest von Mises stress {words}</strong> {text}'
+    return f"{text} Largest von Mises stress {words}"
 
 
 def run_answer(run: BenchPageRun) -> str:
@@ -263,14 +265,14 @@ def _estimated(run: BenchPageRun, unknown: BenchUnknown) -> str:
     if unknown.kind == "parameter":
         return f"{name} = {measure(float(mean[-1]), _unit(unknown))}"
     largest = np.max(np.abs(mean[len(mean) // 2 :]), initial=0.0)
-    return f"{name}, at most {measure(float(largest), _unit(unknown))} in the second half of the run"
+    return f"{name}, largest value {measure(float(largest), _unit(unknown))} in the second half of the run"
 
 
 def stress_words(
     stress: BenchStress, shown: Callable[[float, str], str], share: Callable[[float], str], where: str = ""
 ) -> str:
     """Largest stress, its position, and its ratio to the allowable; shown, share: format a number and a ratio."""
-    text = f"at most {shown(float(np.max(stress.largest)), 'Pa')}{where}"
+    text = f"{shown(float(np.max(stress.largest)), 'Pa')}{where}"
     if stress.allowable is None or stress.share is None:
         return text
     return f"{text}, {share(stress.share)} of the allowable stress {shown(stress.allowable, 'Pa')}"

@@ -10,7 +10,7 @@ from strainsight.estimation.decision import DIVERGED, LOST, OVERCONFIDENT, WITHH
 from strainsight.pages.page.markup import plain, share
 from strainsight.pages.placement.data import Unknown
 
-HARDLY = "the measurements hardly reduce the initial uncertainty"
+HARDLY = "the measurements hardly reduce the initial uncertainty of this unknown"
 
 
 def faults(unknown: Unknown, diverged: bool = False) -> tuple[str, ...]:

@@ -183,7 +183,7 @@ def budget_section(budget: Mapping[str, Mapping[str, float]]) -> str:
     )
     rows = [[escape(name), *(share(shares.get(source)) for source in order)] for name, shares in budget.items()]
     head = ["variance of", *map(escape, order)]
-    text = table("shares of the variance", head, rows, caption=BUDGET, numeric=range(1, len(head)))
+    text = table("shares of the variance of each estimate", head, rows, caption=BUDGET, numeric=range(1, len(head)))
     content = f'{bars}<ul class="key">{key}</ul><div class="below">{text}</div>' if budget else ""
     return section("Sources of uncertainty", content)
 

@@ -91,7 +91,7 @@ def trend_figure(trend: Trend) -> Drawing:
     axes.plot(count, value, color=BLUE, lw=2, label=symbol)
     axes.plot([keep], [trend.final], "o", color=BLUE, ms=7, label=f"chosen layout: {number(trend.final)}")
     if trend.lower_bound is not None and np.isfinite(trend.lower_bound):
-        label = f"lower bound for {keep} gauges: {number(trend.lower_bound)}"
+        label = f"lower bound of the metric: {number(trend.lower_bound)}"
         axes.axhline(trend.lower_bound, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label=label)
     if bend is not None:
         at = value[count == bend][0]
@@ -187,7 +187,7 @@ def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
         caption += f" More accurate than the chosen layout: {better} of {len(entry.error)} random layouts from {pool}"
         caption += f"; diverged and not shown: {lost}." if lost else "."
         if len(entry.finite):
-            medians.append(f"median of random layouts from {pool} {percent(float(np.median(entry.finite)))}")
+            medians.append(f"median error with random layouts from {pool} {percent(float(np.median(entry.finite)))}")
     caption += (
         " Each layout is tested with one random sample of the noise, so a random layout can be more accurate by chance."
     )
@@ -247,7 +247,7 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
     legend_above(axes, columns=2)
     caption = "True error (dots) and claimed σ (lines) of the estimates over the gauge noise."
     alt = "; ".join(
-        f"at a gauge noise of {percent(level)} "
+        f"errors at a gauge noise of {percent(level)}: "
         + ", ".join(f"{name} {percent(values[i])}" for name, values in noise.error.items())
         for i, level in enumerate(noise.level)
     )
@@ -278,7 +278,7 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
         f"Relative error and claimed σ of {name} in {len(error)} repeated filter runs with other noise and initial values; the "
         "true values are the same. "
     )
-    caption += f"{name} is {LOST}: the measurements hardly reduce the initial uncertainty." * (result == LOST)
+    caption += f"{name} is {LOST}: the measurements hardly reduce its initial uncertainty." * (result == LOST)
     if claim is not None:
         result = f"{claim.result}, {result}"
         low, high = (number(edge, 2) for edge in claim.band)

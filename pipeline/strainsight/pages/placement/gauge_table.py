@@ -62,7 +62,7 @@ def _where(report: PlacementReport) -> str:
         for index, gauge in enumerate(gauges)
     ]
     head = ["gauge", "kind", *frame.heads, "direction"]
-    head += [f"nearest edges [{frame.unit}]", "angle to edges"] * edged
+    head += [f"nearest edges [{frame.unit}]", "angle to nearest edges"] * edged
     numeric = [2, 3, 4, *range(6, len(head))]
     head += ["installation"] * noted
     return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
@@ -230,7 +230,7 @@ def criteria_table(
     rule = f" ({escape(criteria[0].rule)})" if criteria else ""
     rows = [row(f"<strong>chosen layout</strong>{rule}", chosen, criteria[0] if criteria else None)]
     if trend.lower_bound is not None:
-        rows.append(row("certified lower bound", trend.lower_bound, None))
+        rows.append(row("certified lower bound of the metric", trend.lower_bound, None))
     rules = sorted(criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
     head = [

@@ -54,8 +54,8 @@ from strainsight.text import listed, unbroken
 def denominator(unknown: Unknown) -> str:
     """Reference of relative errors and σ of an unknown."""
     if unknown.kind == "parameter":
-        return "of the true value"
-    return "of the load amplitude" if unknown.zero else "of the load RMS"
+        return "true value"
+    return "load amplitude" if unknown.zero else "load RMS"
 
 
 def answer(report: PlacementReport) -> str:
@@ -68,7 +68,7 @@ def answer(report: PlacementReport) -> str:
     text += f"<strong>{count(len(gauges))} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
     sound = [unknown for unknown in report.unknowns if not faults(unknown)]
     known = [unknown for unknown in sound if _sigma(unknown) is not None]
-    if parts := [f"{escape(one.name)} to within ±{share(_sigma(one))} {denominator(one)}" for one in known]:
+    if parts := [f"{escape(one.name)} to within ±{share(_sigma(one))} of the {denominator(one)}" for one in known]:
         names = dict.fromkeys(_name_of_sigma(unknown) for unknown in known)
         summary = f"{listed(parts)} ({' or '.join(names)})"
     else:
@@ -117,11 +117,11 @@ def _tile(unknown: Unknown) -> str:
     else:
         value = "σ withheld" if unknown.withheld else f"± {share(sigma)}"
     rows = [
-        (f"± {_name_of_sigma(unknown)}", denominator(unknown) if sigma is not None else "–"),
+        (f"± {_name_of_sigma(unknown)}", f"of the {denominator(unknown)}" if sigma is not None else "–"),
         ("true RMS" if load else "true value", measure(unknown.truth, unknown.unit)),
         ("estimated RMS", measure(unknown.estimate if load else None, unknown.unit)),
-        ("error in validation", share(unknown.error)),
-        ("error after smoothing", share(unknown.smoothed_error if load else None)),
+        ("error in the simulated test", share(unknown.error)),
+        ("error of the smoothed estimate", share(unknown.smoothed_error if load else None)),
         ("amplitude of the load", measure(unknown.guess if unknown.zero else None, unknown.unit)),
         ("expected σ", share(None if unknown.std is None else unknown.expected_std)),
         ("load case with the largest expected σ", escape(unknown.worst_case) or "–"),
@@ -146,7 +146,7 @@ def _bound_tile(report: PlacementReport) -> str:
         best = min(others, key=lambda entry: entry.chosen)
         # a value below the bound violates the limits, which other rules ignore
         violating = trend.lower_bound is not None and best.chosen < trend.lower_bound * (1 - 1e-9)
-        name = f"best other placement rule{', limits violated' * violating} ({escape(best.rule)})"
+        name = f"metric of the best other placement rule{', limits violated' * violating} ({escape(best.rule)})"
         rows.append((name, plain(best.chosen)))
     value = "not certified" if trend.gap is None else f"≤\u00a0{share(max(trend.gap, 0.0))}"
     return tile("gap to the optimal layout", value, rows)

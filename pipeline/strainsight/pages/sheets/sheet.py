@@ -82,8 +82,8 @@ def _detail(paper: views.Paper, sheet: views.Sheet) -> str:
 
 def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
     frame = sheet.frame
-    for name, value in zip("xyz", sheet.position, strict=True):
-        yield f"{name} from the datum", f"{views.size(value, sheet)} {frame.unit}"
+    for axis, value in zip("xyz", sheet.position, strict=True):
+        yield f"{axis} relative to datum", f"{views.size(value, sheet)} {frame.unit}"
     for k, d in enumerate(sheet.directions, start=1):
         yield f"measuring direction {k}" if len(sheet.directions) > 1 else "measuring direction", _vector(d)
     yield "normal", _vector(sheet.normal)
@@ -95,11 +95,11 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
         yield "measuring grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "grid length unknown"
         if len(sheet.directions) == 1:
             yield (
-                "carrier as drawn",
+                "carrier size as drawn",
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
-    yield "datum in mesh file", f"({_numbers(frame.origin)}) {frame.unit}"
+    yield "datum origin in mesh", f"({_numbers(frame.origin)}) {frame.unit}"
     if not np.array_equal(frame.axes, np.eye(3)):
         yield "datum x axis in mesh", _vector(frame.axes[0])
         yield "datum y axis in mesh", _vector(frame.axes[1])

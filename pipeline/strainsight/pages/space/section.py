@@ -179,7 +179,12 @@ def _gauge(gauge: Gauge, index: int, group: int, frame: PositionAxes, places: in
     text += [("element" if gauge.facet else "number", str(gauge.element))] * bool(gauge.element)
     text += [("facet", str(gauge.facet))] * bool(gauge.facet)
     text += [("nodes", " ".join(map(str, gauge.nodes)))] * bool(gauge.nodes)
-    text.append(("position" + " from the datum" * (not frame.is_deck_system), _place(gauge.position, frame, places)))
+    text.append(
+        (
+            "position" if frame.is_deck_system else "position relative to the datum",
+            _place(gauge.position, frame, places),
+        )
+    )
     for direction in gauge.channels:
         text.append(("direction", _vector(frame.turn(direction))))
     for k, arm in enumerate(gauge.arms):

@@ -297,7 +297,7 @@ def measured(statement: Statement, shown: Shown = number) -> str:
         return _spread(list(statement.seeds.values()), shown, unit)
     if statement.equals is not None:
         yes = sum(bool(value) for value in values)
-        return ("yes" if yes else "no") if len(values) == 1 else f"{shown(yes)} of {shown(len(values))} yes"
+        return ("yes" if yes else "no") if len(values) == 1 else f"yes for {shown(yes)} of {shown(len(values))} results"
     if len(values) <= FEW:
         return ", ".join(shown(value) for value in values) + unit
     finite = [value for value in values if value == value]
@@ -357,7 +357,7 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
             + (
                 plain(values[0])
                 if len(values) == 1
-                else f"within the bounds for {inside.count(True)} of {len(values)} random seeds"
+                else f"within the bounds of the claim for {inside.count(True)} of {len(values)} random seeds"
             )
             for (i, name), values in statement.seeds.items()
             if (inside := [*map(statement.holds, values)]) and statement.holds_over(values) is not True

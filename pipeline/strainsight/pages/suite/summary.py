@@ -90,7 +90,7 @@ def observability_section(report: Suite, cards: Mapping[str, str]) -> str:
     if not series:
         return ""
     motions = [[escape(entry.heading), escape(entry.label)] for entry in series]
-    listed = table("excitations", ("excitation of", "label of the (first) run"), motions)
+    listed = table("excitations", ("excitation of", "label of the run, or of the first run"), motions)
     missing, rows = [], []
     for group in groups_of(series):
         cases = [entry.cases.get(group) for entry in series]
@@ -193,7 +193,7 @@ def _status(run: SuiteRun) -> tuple[str, ...]:
 METRIC = "metric"
 COLUMNS = (
     "run", "unknown", "gauges", METRIC, "gap to the optimal layout", "error", "claimed σ", "error / σ",
-    "repeats: RMS error", "repeats: largest error", "consistency",
+    "RMS error of repeated runs", "largest error of repeated runs", "consistency",
 )  # fmt: skip
 NUMERIC = frozenset(COLUMNS) - {"run", "unknown", "consistency"}
 MEASURED = COLUMNS[5:]
@@ -249,9 +249,8 @@ def run_answer(run: PlacementRun) -> str:
     if not run.is_estimated:
         what = " and ".join(escape(unknown.name) for unknown in run.unknowns) or "no unknowns"
         return f"<strong>Not estimated</strong>: {what}; the run ends after stage {escape(run.reached)}."
-    gauges, results = "The gauges estimate", results_of(run)
-    if run.gauges is not None:
-        gauges = f"{run.gauges} of {run.pool} candidate gauges estimate{'s' * (run.gauges == 1)}"
+    results = results_of(run)
+    gauges = "The gauges" if run.gauges is None else f"{run.gauges} of {run.pool} candidate gauges"
     parts = [
         f"<strong>{escape(result.unknown.name)}</strong> with an error of {share(result.error)}"
         + (f" (claimed σ {share(result.std)})" if result.std is not None else "")
@@ -267,7 +266,7 @@ def run_answer(run: PlacementRun) -> str:
         )
         for result in results
     )
-    return f"{wrong}{no_benefit(run.unknowns)}{gauges} {', '.join(parts)}."
+    return f"{wrong}{no_benefit(run.unknowns)}{gauges} estimate{'s' * (run.gauges == 1)} {', '.join(parts)}."
 
 
 def link(run: SuiteRun, text: str = "page of the run", around: str = "{}") -> str:
@@ -305,7 +304,7 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
 def _cells(result: Result) -> list[str]:
     """Row of an unknown."""
     unknown, repeats = result.unknown, result.unknown.repeats
-    kind = "" if unknown.kind == "parameter" else ", load" if result.smoothed else ", load, filtered"
+    kind = "" if unknown.kind == "parameter" else ", load" if result.smoothed else ", load (filtered estimate)"
     name = escape(unknown.name) + kind + ", zero: in % of its amplitude" * (bool(kind) and unknown.zero)
     sigmas = plain(result.error / result.std, 2) if result.error is not None and result.std else "–"
     spread = (None, None) if repeats is None else (rms(repeats.error), repeats.worst)

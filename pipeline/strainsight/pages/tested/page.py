@@ -42,7 +42,7 @@ from strainsight.records.estimated import TestSource
 from strainsight.text import listed, number, quantity
 
 LOUD = 1.5
-"""RMS of the residual relative to the configured noise from which it is marked."""
+"""RMS of the residual relative to the configured noise from which it is marked, if the record is inconsistent."""
 SHOWN = 3
 """Number of warnings on the first screen; all are listed below."""
 
@@ -101,7 +101,11 @@ def _channels(report: Findings) -> str:
         value, at = peak_of(channel.time, channel.measured).largest
         left, size = rms(channel.residual), rms(channel.measured)
         times = left / channel.noise_std if channel.noise_std > 0 else math.nan
-        loud = f'<strong class="bad">{plain(times, 3)}</strong>' if times > LOUD else plain(times, 3)
+        loud = (
+            f'<strong class="bad">{plain(times, 3)}</strong>'
+            if times > LOUD and not report.consistent
+            else plain(times, 3)
+        )
         rows.append(
             [
                 badge(channel.label, channel.gauge),
@@ -117,8 +121,9 @@ def _channels(report: Findings) -> str:
         ("channel", "RMS reading", "RMS residual", "residual / noise", "largest reading", "at time", "missing samples"),
         rows,
         title="<h2>Channels</h2>",
-        caption="Residual: measured − reconstructed. Residual / noise: RMS residual divided by the configured noise; one or less "
-        "for a correct model.",
+        caption="Residual: measured − reconstructed. Residual / noise: RMS residual divided by the configured noise; "
+        "at most about 1 for an exact model. Model errors increase it, but a record with errors within the config section "
+        "`tolerances` is consistent.",
         numeric=range(1, 7),
     )
     return f'<div class="card without">{text}</div>'
@@ -247,7 +252,7 @@ def _file(report: Findings) -> str:
     ]
     columns = zip(source.channel, source.measures, source.unit, strict=True)
     rows = [[*map(escape, words), escape(_calibration_text(source, i))] for i, words in enumerate(columns)]
-    channels = table("calibration", ("channel", "measures", "unit in the file", "processing"), rows)
+    channels = table("calibration", ("channel", "measures", "unit in the measurement file", "processing"), rows)
     panels = panel("File", table("file", (), facts)) + panel("Channels", channels)
     panels += panel("Processing of the record", bullets(report.notes))
     return sections.section("Measurement file", panels, "file", "panels")

@@ -89,12 +89,12 @@ def screenshots(views: Sequence[View]) -> list[bytes]:
 def window(view: View) -> None:
     """Show the view in a window until it is closed. Raises UserError without a display, StrainsightError after a crash."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise _no_display("no display available for a window")
+        raise _no_display("no display is available, so no window can be opened")
     # By stdin, not by a file: an interrupted process leaves no file.
     shown = pickle.dumps(replace(view, layout=scene.thinned(view.layout)))
     done = subprocess.run(python(CHILD), env=inherited(), cwd=FOLDER, input=shown, stderr=subprocess.PIPE, check=False)
     if done.returncode == NO_DISPLAY:
-        raise _no_display("the display does not respond")
+        raise _no_display("the display does not respond, so no window can be opened")
     if done.returncode:
         text = scene.last_words(done.stderr.decode(errors="replace"))
         raise StrainsightError(

@@ -63,7 +63,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
     return Output(
         datasets=written(Meshes(bodies=meshes)),
         summary=summary,
-        message="; ".join(parts) or "no flexible bodies",
+        message="; ".join(parts) or "the bench has no flexible bodies",
         tables=tuple(tables),
         inputs=tuple(included),
     )

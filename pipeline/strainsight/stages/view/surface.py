@@ -60,8 +60,8 @@ def caption(strain: SurfaceStrain) -> str:
     if strain.load:
         unit = strain.unit.replace("N m", "N·m").replace("^2", "²")
         size = f"× {number(strain.size)}" if unit == "1" else quantity(strain.size, unit)
-        return f"{strain.load} alone, {size}, {'static with inertia relief' if strain.free else 'static'}"
-    run = f"load case {strain.case}" if strain.case else "training simulation"
+        return f"static strain under load {strain.load} alone, {size}{', with inertia relief' * bool(strain.free)}"
+    run = f"load case {strain.case}" if strain.case else "training simulation (stage train)"
     return f"{run}, t = {strain.instant:.4g} s"
 
 

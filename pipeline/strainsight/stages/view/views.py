@@ -44,7 +44,7 @@ def body_of(config: BenchConfig, body_name: str | None) -> str:
     bodies = list(config.flexible)
     if not bodies:
         raise UserError(
-            "this bench has no flexible body", remedy="open report.html instead: this bench has no mesh to show"
+            "this bench has no flexible body, and therefore no mesh to show", remedy="open report.html instead"
         )
     if body_name is not None and body_name not in bodies:
         names = ", ".join(bodies)
@@ -204,7 +204,14 @@ def _placement_candidates(name: str, layout: PictureLayout, train: Artefact) -> 
     rms = training.rms[candidates.channel_of_grid[strains]]
     others = candidates.first[candidates.quantity[candidates.first] != STRAIN]
     title, layout = f"{name}: {candidates.gauges} candidates", replace(layout, pool=candidates.position[others])
-    return _dotted(title, layout, grids.position[strains], rms * MICRO, "RMS strain in the training simulation", "µm/m")
+    return _dotted(
+        title,
+        layout,
+        grids.position[strains],
+        rms * MICRO,
+        "RMS strain in the training simulation (stage train)",
+        "µm/m",
+    )
 
 
 def _strain(title: str, layout: PictureLayout, up: Mapping[str, Artefact]) -> View:
@@ -325,10 +332,8 @@ def view_of(
     if body is not None and not isinstance(config, BenchConfig):
         raise UserError(f"--body {body}: a placement has a single body", where=config_file, remedy="omit --body")
     if of is not None and (isinstance(config, BenchConfig) or what not in (None, "field")):
-        remedy = "omit --of: a bench has only one field" if isinstance(config, BenchConfig) else "use --what field"
-        raise UserError(
-            f"--of {of}: only the field of a placement has several sources", where=config_file, remedy=remedy
-        )
+        remedy = "omit --of" if isinstance(config, BenchConfig) else "use --what field"
+        raise UserError(f"--of {of} applies only to the view `field` of a placement", where=config_file, remedy=remedy)
     shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
     available = VALIDATION if missing_stages(folder, [STAGE[TEST]]) else TEST
     offers = offers_of(config, stages, shown, of or available)
