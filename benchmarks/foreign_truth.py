@@ -1,9 +1,10 @@
 """Does σ cover errors of the model? `python -m benchmarks.foreign_truth [draws] [--structure NAME …] [--kind WORD …]`.
 
-The records come from another finite-element code (scikit-fem, 20-node bricks) and a Newmark integrator, on three structures
-that strainsight reads as a deck. Every record has other phases of the loads, noise, and errors of gauges, loads and damping
-drawn from the default tolerances; every kind adds one error of the model, or several. A table says for every kind how many records are within
-2σ, without σ and with which cause, beyond 4σ and reported as consistent. Numbers do not depend on the machine.
+The records come from another finite-element code (scikit-fem, 20-node bricks) and a Newmark integrator, on three
+structures that strainsight reads as a deck. Every record has other phases of the loads, noise, and errors of gauges, loads
+and damping drawn from the default tolerances; every kind adds one error of the model, or several. A table says for every
+kind how many records are within 2σ, without σ and with which cause, beyond 4σ and reported as consistent. Numbers do not
+depend on the machine.
 """
 
 from __future__ import annotations
@@ -139,8 +140,8 @@ WORDS = {
     "frequency": ("is measured at", "is missing in the model"),
     "damping": ("damping ratios",),
     "load": ("unmodelled load", "a load has another direction"),
-    "gauges": ("common gain error", "is rotated", "times as large"),
-    "common": ("drift together", "unmodelled load or other disturbance"),
+    "gauges": ("common gain error", "is rotated", "as large as expected"),
+    "common": ("drift together", "common sine", "unmodelled load or other disturbance"),
 }
 """Parts of a message that name a cause."""
 SENSOR = (
@@ -264,13 +265,15 @@ class Truth:
     def modal(self) -> tuple[np.ndarray, np.ndarray]:
         """ω² (r,) and shapes (N, r): MODES modes and what the static responses to both loads add."""
         K, M, free = self.operators(self.spring)
-        K, M = K[free][:, free].tocsc(), M[free][:, free].tocsc()
-        _, phi = eigsh(K, MODES, M, sigma=0, v0=np.ones(len(free)))
+        K_free, M_free = K[free][:, free].tocsc(), M[free][:, free].tocsc()
+        _, phi = eigsh(K_free, MODES, M_free, sigma=0, v0=np.ones(len(free)))
         loads = np.stack(
             [self.unit_load(at, angle) for at in (self.shape.tip, self.shape.side) for angle in (0, 90)], axis=1
         )
-        shapes, _ = np.linalg.qr(np.column_stack([phi, splu(K).solve(loads[free])]) / np.sqrt(K.diagonal().mean()))
-        lam, own = eigh(shapes.T @ (K @ shapes), shapes.T @ (M @ shapes))
+        shapes, _ = np.linalg.qr(
+            np.column_stack([phi, splu(K_free).solve(loads[free])]) / np.sqrt(K_free.diagonal().mean())
+        )
+        lam, own = eigh(shapes.T @ (K_free @ shapes), shapes.T @ (M_free @ shapes))
         whole = np.zeros((self.basis.N, len(lam)))
         whole[free] = shapes @ own
         return lam, whole

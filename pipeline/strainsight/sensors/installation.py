@@ -41,7 +41,7 @@ class Sensitivity:
     angle [unit/rad]: rotation of the gauge about the outward normal, right-handed
     tilt_along, tilt_across [unit/rad]: rotation of a motion sensor about e₁ and e₂; zero for strain gauges on the surface
     gain [unit]: relative error of the scale factor of the reading; this is the row itself
-    common_gain [strain]: relative error of all strain gauges alike; zero for motion sensors
+    common_gain [strain]: relative error common to all strain gauges; zero for motion sensors
     transverse [strain]: transverse sensitivity K_t of a strain gauge; zero for motion sensors, which have tilts
     along_twice, across_twice, along_across [unit of the channel/m²], turned_twice [unit/rad²]: second derivatives
 
