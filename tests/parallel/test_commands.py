@@ -67,7 +67,7 @@ def test_two_processes_write_the_same_artefacts(config, alone, eager, monkeypatc
     assert done.exit_code == 0, done.output
     assert artefacts(config, "two") == alone
     # else nothing would have been compared; the pool is solved with the gauges as exact, and with errors of installation
-    assert sent == ["2 threads", "2 threads", "solved", "solved", "_batch", "_swept"]
+    assert sent == ["2 threads", "2 threads", "solve_named_pool", "solve_named_pool", "_batch", "_swept"]
 
 
 @pytest.mark.slow

@@ -160,15 +160,31 @@ def search_faults(
         tried.append(explain_record(record, fault)[0])
         progress(0.4 + 0.6 * (k + 1) / len(wanted))
     tried += _extend_delays(record, wanted, tried)
-    faster = FASTER if record.model.unknowns.inputs else ()
-    others = [explain_record(scale_intensity(record, factor), None)[0].evidence for factor in faster]
-    reference = max([as_it_is.evidence, *others])
-    if grid_run is None or too_large(as_it_is, grid_run) or choose_fault(reference, tried)[1]:
-        tried += _try_model_errors(record, as_it_is.evidence)
-        hum = None if grid_run is None else explain_hum(record, as_it_is, grid_run)
+    scaled, (reference, run) = _with_likely_intensity(record, (as_it_is, grid_run))
+    if scaled is not record:
+        best = sorted(tried, key=lambda one: -one.evidence)[:CLOSELY]
+        tried += [explain_record(scaled, one.fault)[0] for one in best]
+    if grid_run is None or too_large(as_it_is, grid_run) or choose_fault(reference.evidence, tried)[1]:
+        tried += _try_model_errors(scaled, reference.evidence)
+        hum = None if run is None else explain_hum(scaled, reference, run)
         tried += [] if hum is None else [hum]
-    named, candidates = choose_fault(reference, tried)
-    return Diagnosis(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates, reference=reference)
+    named, candidates = choose_fault(reference.evidence, tried)
+    return Diagnosis(
+        bool(candidates), as_it_is, check, without, tuple(tried), named, candidates, reference=reference.evidence
+    )
+
+
+def _with_likely_intensity(
+    record: CheckRecord, first: tuple[Explained, GridRun | None]
+) -> tuple[CheckRecord, tuple[Explained, GridRun | None]]:
+    """The record with the most likely intensity of the unknown loads, and its fit."""
+    fits = [(record, first)]
+    for factor in FASTER if record.model.unknowns.inputs else ():
+        scaled = scale_intensity(record, factor)
+        fits.append((scaled, explain_record(scaled, None)))
+        if fits[-1][1][0].evidence < fits[-2][1][0].evidence:
+            break
+    return max(fits, key=lambda fit: fit[1][0].evidence)
 
 
 def _try_model_errors(record: CheckRecord, as_it_is: float) -> list[Explained]:
