@@ -124,7 +124,7 @@ def test_a_file_that_shares_one_node_of_five_has_no_mac_and_its_foreign_nodes_ar
     code, said = compared(beams, str(beams / "own.f06"))
     assert code == 0
     assert "nodes of the file that are not in the mesh and are omitted: 4 of 5, for example 99" in said
-    assert "the MAC is not available: only 1 of 5 nodes of the mesh" in said
+    assert "the MAC is not available: only 1 of the 5 nodes of the mesh" in said
     assert "mode shapes are not compared" in said
 
 

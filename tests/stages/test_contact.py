@@ -139,7 +139,7 @@ def test_the_face_that_a_part_stands_on_is_left_out(init, sets, name, options):
     assert own["gauges"]["exclude"][len(options) // 2 :] == [name]
     assert own["mesh"]["faces"].keys() == {"loaded", name}
     lines = [line for line in text.splitlines() if line.split("#")[0].strip() in (f"{name},", f"- {name}")]
-    assert [line.split("# ← ")[1].split(":")[0] for line in lines] == ["1 supported bore"]
+    assert [line.split("# ← ")[1].split(";")[0] for line in lines] == ["probable contact face (1 supported bore)"]
     done = CliRunner().invoke(app, ["import", "own.yaml"])
     assert done.exit_code == 0, done.output
     assert "contact face" not in done.output

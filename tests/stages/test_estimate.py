@@ -261,7 +261,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
     code, said = estimated(project, project / "results" / "test" / "measured.csv", "--force")
     assert code == 2
     states, needed = re.search(
-        r"200 steps of (\d+) states: (\S+) GiB .*, but 9\.31e-05 GiB", said
+        r"200 time steps of (\d+) states: (\S+) GiB .*, but 9\.31e-05 GiB", said
     ).groups()
     assert float(needed) == pytest.approx(8 * 200 * (8 * int(states) + 12 * 4) / 2**30, rel=0.01)
     assert "Estimate parts of the record" in said

@@ -227,7 +227,7 @@ def run(known, *settings):
 def test_a_gauge_is_predicted_as_a_virtual_one_in_its_place_by_the_others(known):
     """And the reading is off by the noise of a sample and by its own gain, which no virtual strain is."""
     gain = 0.03
-    exact = dict.fromkeys(("position", "angle", "transverse", "load_gain", "load_angle", "load_position"), 0)
+    exact = dict.fromkeys(("position", "angle", "common_gain", "transverse", "load_gain", "load_angle", "load_position"), 0)
     stated = ", ".join(f"{name}: {value}" for name, value in {**exact, "gain": gain, "damping": 1}.items())
     tolerances = f"tolerances={{{stated}}}"
     whole, _ = run(known, tolerances, EACH)

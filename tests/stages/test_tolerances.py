@@ -115,7 +115,7 @@ def test_a_gain_alone_scales_readings_and_an_offset_shifts_them(beam):
     def alone(**tolerance):
         return readings(beam.drawn(f"tolerances={yaml.safe_dump(NOTHING | tolerance, default_flow_style=True)}"))
 
-    gain = installation_of(beam.case("tolerances.gain=0.05").config, pool, 2).take(pool, base.gauges).gain
+    gain = installation_of(beam.case("tolerances.gain=0.05", "tolerances.common_gain=0").config, pool, 2).take(pool, base.gauges).gain
     np.testing.assert_allclose(alone(gain=0.05)[2], exact * (1 + gain), rtol=1e-12, atol=1e-18)
     for reading in alone(offset=1e-6):
         shift = reading - exact
@@ -187,12 +187,13 @@ def share(y):
     ("stated", "source", "change"),
     [
         ({"gain": 0.02}, "gain", lambda y, nu: y * (1 + 0.02 * nu)),
+        ({"common_gain": 0.02}, "common gain", lambda y, nu: y * (1 + 0.02 * nu[0])),
         ({"offset": 1e-7}, "offset", lambda y, nu: y + 1e-7 * nu),
         ({"drift": 1e-7}, "drift", lambda y, nu: y + 1e-7 * share(y) * nu),
         ({"temperature": 0.1, "thermal_output": 1e-6, "thermal_spread": 0.0}, "temperature",
          lambda y, nu: y + 1e-7 * share(y) * nu[0]),
     ],
-    ids=["gain", "offset", "drift", "temperature"],
+    ids=["gain", "common gain", "offset", "drift", "temperature"],
 )  # fmt: skip
 def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, stated, source, change):
     """Central differences of the filter itself, the extended one, on the readings of the training simulation."""
@@ -208,7 +209,8 @@ def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, s
     assert sum(found.budget["E"].values()) == pytest.approx(1.0, rel=1e-9)
 
 
-GAIN = "tolerances={position: 0, angle: 0, transverse: 0, damping: 1, frequency: 0, load_angle: 0, load_position: 0, gain: 0.05}"
+GAIN = "tolerances={position: 0, angle: 0, transverse: 0, damping: 1, frequency: 0, load_angle: 0, load_position: 0, "
+GAIN += "common_gain: 0, gain: 0.05}"
 
 
 @pytest.fixture(scope="module")

@@ -347,8 +347,8 @@ def load_case_problems(
             listed = ", ".join(over)
             yield Problem(
                 f"{key}.loads",
-                f"{listed} {'does' if len(over) == 1 else 'do'} not act in this load case, and the criterion has no "
-                "other unknown",
+                f"the unknown load{'s' * (len(over) > 1)} {listed} {'does' if len(over) == 1 else 'do'} not act in this load "
+                "case, and nothing else is estimated",
                 f"add a signal to {' or '.join(over)}, or remove the load case",
             )
     for unknown in estimate:

@@ -433,8 +433,170 @@ def describe_responses(
         )
     if quasi_static and len(results.load) > dropped:
         notes.append(
-            "the mesh does not define the mass of the static residuals (static responses minus their modal part). They "
+            "the results define no mass for the static residuals (static responses minus their modal part). The residuals "
             f"follow the loads quasi-statically: their frequency is set to {above:.4g} Hz, {ABOVE:g} times the highest natural "
+            "frequency"
+        )
+    return notes
+
+
+ABOVE = 10.0
+"""Frequency of residuals of unknown mass relative to the highest mode: quasi-static."""
+DIGITS = 4.0
+"""Error of the residual energy in rounding errors of the file, relative to the response."""
+LEAST = 1e-20
+"""Energy of a residual, relative to its response, that is rounding error of double precision: 1e-10 of the motion."""
+
+Forces = Callable[[FiniteElementModel], np.ndarray]
+"""A model → Tᵀe (n_free, n_u) of unit loads on its free motions, as `input_shape`."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """Data of m modes and s static responses to loads, in SI units; their motion is a `ImportedMotion`.
+
+    frequency (m,) [Hz] ascending; load (s,): index of the load of each static response, per unit of it; modal_mass (m,) [kg m²]:
+    ΦᵀMΦ of the shapes, None if unknown; rounding: largest relative error of a number; where (m + s,): file and step of each."""
+
+    frequency: np.ndarray
+    load: np.ndarray
+    modal_mass: np.ndarray | None
+    rounding: float
+    where: tuple[str, ...]
+
+
+def results_model(
+    mesh: Mesh,
+    imported: ImportedMotion,
+    results: Results,
+    forces: Forces | None,
+    names: tuple[str, ...],
+    scaled: Mapping[str, tuple[str, float]],
+) -> FullModel:
+    """K and M of the coordinates (Φ, r), and z = [Φ, r] q on the rows of the mesh.
+
+    imported: motion of the modes [m, rad] and of the responses [m/N, rad/N]; forces: the loads, called `names`; None: only
+    modes; scaled: "stiffness" or "mass" → its parameter and the value [SI] of this parameter in the results. The mass of
+    residuals is the consistent mass of the mesh if all its nodes have results and all its regions a density; else K = (10
+    ω_max)² M for them. A residual with an energy below the rounding error of its file adds no coordinate. Raises UserError for
+    rigid modes, unknown modal mass, missing rows of the surface or of a load, and a response that does not belong to its load.
+    """
+    modes, m = normalise_results(mesh, imported, results), len(results.frequency)
+    residuals, notes = Residuals(modes.shape[:, :0], np.zeros(0), np.zeros((0, 0))), list(modes.notes)
+    if forces is not None:
+        residuals, more = _residuals(modes, results, forces_on_rows(mesh, imported, forces), names)
+        notes += more
+    K = np.diag(np.concatenate([modes.lam, residuals.stiffness]))
+    M = np.eye(len(K))
+    M[m:, m:] = residuals.mass
+    T = as_sparse(np.hstack([modes.shape, residuals.field]))
+    constraint = Constraint(T, imported.constraint.reference_rows, np.zeros(0, dtype=np.int64))
+    stiffness, mass = (as_operator(X, scaled.get(kind)) for kind, X in (("stiffness", K), ("mass", M)))
+    return FullModel(FiniteElementModel(mesh, constraint, stiffness, mass), notes=tuple(notes), modes=m)
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """field r (3n + 3r, k), orthogonal to the modes in M and K and to each other in K; their stiffness (k,) and mass (k, k)."""
+
+    field: np.ndarray
+    stiffness: np.ndarray
+    mass: np.ndarray
+
+
+@dataclass(frozen=True)
+class NormalisedResults:
+    """shape Φ (3n + 3r, m) of unit mass, λ (m,) [rad²/s²], response z (3n + 3r, s); weighed: M Φ and M z, None if
+    the mesh mass is unknown; notes on the mass."""
+
+    shape: np.ndarray
+    lam: np.ndarray
+    response: np.ndarray
+    weighed: tuple[np.ndarray, np.ndarray] | None
+    notes: list[str]
+
+
+def normalise_results(
+    mesh: Mesh, imported: ImportedMotion, results: Results, by_mesh: bool = False
+) -> NormalisedResults:
+    """Normalise the modes by the modal mass of the file, else, or with `by_mesh`, by that of the mesh, which
+    requires densities and motions of all nodes. Raises UserError for rigid modes, unknown modal mass, and missing rows."""
+    m = len(results.frequency)
+    check_modes(results.frequency, results.where)
+    check_rows(mesh, imported)
+    weighed = mesh_mass = None
+    if has_mass(mesh) and not unresolved_rows(mesh, imported, mesh.nodes_of_elements).size:
+        weighed = mass_product(mesh, imported.constraint.reference_rows, imported.field)
+        mesh_mass = np.einsum("ij,ij->j", imported.field[:, :m], weighed[:, :m])
+    norm, notes = normalising_mass(results.modal_mass, mesh_mass)
+    root = np.sqrt(mesh_mass if by_mesh and mesh_mass is not None else norm)
+    products = None if weighed is None else (weighed[:, :m] / root, weighed[:, m:])
+    lam = (2 * np.pi * results.frequency) ** 2
+    return NormalisedResults(imported.field[:, :m] / root, lam, imported.field[:, m:], products, notes)
+
+
+def _residuals(
+    modes: NormalisedResults, results: Results, e: np.ndarray, names: tuple[str, ...]
+) -> tuple[Residuals, list[str]]:
+    """Residuals r Y of r = z − Φ Λ⁻¹Φᵀf, YᵀR Y diagonal, of responses of unit energy, and notes; e (3n + 3r, n_u)
+    unit loads of these names."""
+    f, z = e[:, results.load], modes.response
+    notes = check_responses(modes, f, results, names)
+    G, P = z.T @ f, modes.shape.T @ f
+    share = P / modes.lam[:, None]
+    Y, R = independent_directions(G, G - P.T @ share, max(LEAST, DIGITS * results.rounding))
+    field = (z - modes.shape @ share) @ Y
+    if modes.weighed is None:
+        mass = np.diag(R / (ABOVE**2 * modes.lam[-1]))
+    else:
+        mass = field.T @ ((modes.weighed[1] - modes.weighed[0] @ share) @ Y)
+    notes += describe_responses(names, results, len(f.T) - len(R), modes.weighed is None, ABOVE * results.frequency[-1])
+    return Residuals(field, R, 0.5 * (mass + mass.T)), notes
+
+
+def forces_on_rows(mesh: Mesh, imported: ImportedMotion, forces: Forces) -> np.ndarray:
+    """e (3n + 3r, n_u) of unit loads. Raises UserError if a load acts on a row without results."""
+    moves = ~imported.known | imported.field.any(axis=1)
+    T = sparse.csr_array(sparse.diags_array(moves.astype(float)))
+    T.eliminate_zeros()  # a fixed row has no entries, for users of T
+    nothing = AffineOperator(sparse.csr_array((len(moves),) * 2), {})
+    constraint = Constraint(T, imported.constraint.reference_rows, np.arange(len(moves)))
+    e = forces(FiniteElementModel(mesh, constraint, nothing, nothing))
+    check_rows(mesh, imported, np.flatnonzero(e.any(axis=1)))
+    return e
+
+
+def independent_directions(G: np.ndarray, R: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Y (s, k) with YᵀRY = diag, and its diagonal (k,), of responses scaled to unit energy G; directions below
+    `least` are dropped as dependent."""
+    if not len(R):
+        return np.zeros((0, 0)), np.zeros(0)
+    scale = 1 / np.sqrt(np.diag(G))
+    energy, U = np.linalg.eigh(0.5 * (R + R.T) * np.outer(scale, scale))
+    significant = energy > least
+    return scale[:, None] * U[:, significant], energy[significant]
+
+
+def describe_responses(
+    names: tuple[str, ...], results: Results, dropped: int, quasi_static: bool, above: float
+) -> list[str]:
+    notes = []
+    without = [name for i, name in enumerate(names) if i not in results.load]
+    if without:
+        modes = len(results.frequency)
+        notes.append(
+            f"the results have no static response to {', '.join(without)}. The strain under such a load lacks the part that "
+            f"modes 1 to {modes} do not represent"
+        )
+    if dropped:
+        notes.append(
+            f"{dropped} of {len(results.load)} static responses are omitted: they are linear combinations of the modes and the "
+            f"other responses, within the relative precision {results.rounding:.0e} of the file"
+        )
+    if quasi_static and len(results.load) > dropped:
+        notes.append(
+            "the results define no mass for the static residuals (static responses minus their modal part). "
+            f"The residuals follow the loads quasi-statically: their frequency is set to {above:.4g} Hz, {ABOVE:g} times the highest natural "
             "frequency"
         )
     return notes

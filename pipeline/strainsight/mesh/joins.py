@@ -24,7 +24,7 @@ class RigidElement:
     Rotations of a dependent node count only if it is the reference of another element. Names are as "RBE2 30", "*COUPLING"."""
 
     id: Annotated[int, Column("1", "", "id of every rigid element (RBE2)")]
-    reference: Annotated[int, Column("1", "", "reference node index of every rigid element")]
+    reference: Annotated[int, Column("1", "", "index in /nodes/id of the reference node of every rigid element")]
     nodes: Annotated[IntArray, Column("1", "dependent node", "indices of the dependent nodes of every rigid element")]
     components: Annotated[tuple[int, ...], Column("1", "", "dependent components 1-6 of every rigid element")]
     name: Annotated[str, Column("1", "", "name of the rigid element in the mesh file or config")] = ""

@@ -239,7 +239,8 @@ def simulate_radau(
     Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails."""
     if system.drives.names:
         raise NumericalError(
-            "`estimate.truth.model: other` does not support driven joints", remedy="set estimate.truth.model: fine"
+            "`estimate.truth.model: independent` does not support driven joints",
+            remedy="set estimate.truth.model: fine",
         )
     u, n = np.asarray(u, dtype=float), system.size
     eigen = np.linalg.eig(WEIGHTS)

@@ -165,7 +165,7 @@ class Compared:
     """Results of the filters of a structure or a bench on the same samples, without tolerances."""
 
     filter: tuple[str, ...] = dataset(
-        "1", "/filter", "name of every filter: grid (parameter grid filter), sigma-point (structures only), extended"
+        "1", "/filter", "name of every filter: grid (parameter grid filter), sigma-point (not for benches), extended"
     )
     estimate: dict[str, np.ndarray] = dataset(
         "unit of <name>", "/filter", "final estimate of <name> by every filter; NaN: diverged"

@@ -307,10 +307,10 @@ def installation_variance(
 
         vⱼ = Σₖ σₖ² mean_t (sₖⱼ·q)² = Σₖ σₖ² sₖⱼ C sₖⱼᵀ,     C = mean_t q qᵀ,   of accelerometers of q̈
 
-    k: position and rotations, to second order, gain and transverse sensitivity. For strain, σ² of the offset and a third of the
-    final variance of the drift are added, except for the common thermal output. Bonded gauges have errors of gain, K_t, offset
-    and drift only. Variances of the arms of a bridge are added. still, moving (r, r): C of the coordinates and of their
-    accelerations. Returns (m,) [unit² of the channel].
+    k: position and rotations, to second order, gain and transverse sensitivity. For strain, σ² of the offset and a third of
+    the final variance of the drift are added. Errors common to all gauges, gain and thermal output, are not. Bonded gauges
+    have errors of gain, K_t, offset and drift only. Variances of the arms of a bridge are added. still, moving (r, r): C of the
+    coordinates and of their accelerations. Returns (m,) [unit² of the channel].
 
     """
     grids = candidates.grids
@@ -318,6 +318,8 @@ def installation_variance(
     at_end = std.drift**2 + std.warmed[1] ** 2 * candidates.added(np.ones(len(grids)))
     variance = (std.offset**2 + at_end / 3) * (candidates.quantity == STRAIN)
     for name, sigma in std.by_name.items():
+        if name == COMMON_GAIN:
+            continue
         s = getattr(sensitivity, name)
         square = [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in (still, moving)]
         grid_variance = sigma**2 * np.where(is_accelerometer, square[1], square[0]) * (free if name in COMMON else 1.0)

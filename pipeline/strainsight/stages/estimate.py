@@ -27,7 +27,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=40,
+    version=41,
     reads=(
         "seed",
         "loads",

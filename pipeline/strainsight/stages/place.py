@@ -19,7 +19,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=31,
+    version=32,
     reads=(
         "seed",
         "mesh.length_unit",

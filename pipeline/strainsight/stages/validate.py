@@ -19,7 +19,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=33,
+    version=34,
     reads=(
         "damping",
         *(

@@ -142,7 +142,7 @@ class Coincidence(Between):
 class Perpendicular(Between):
     """An axis of the first frame is perpendicular to an axis of the second frame, or to the line between the two origins."""
 
-    type: Literal["perpendicular"] = Field(description="Kind of joint: perpendicular axes.")
+    type: Literal["perpendicular"] = Field(description="Kind of joint: two axes, one per frame, stay perpendicular.")
     axis: Axis = Field(description="Axis of the first frame that is perpendicular to `to`.")
     to: Literal["x", "y", "z", "offset"] = Field(
         description="Axis of the second frame that is perpendicular to `axis`. With `offset`: instead of an axis, the line from "

@@ -175,7 +175,7 @@ class _OnStructure(Subject):
             return np.zeros((len(self.problems), len(self.screened.noise_std)))
         if self.screened.installation is None:
             raise ConfigError(
-                "the result of the stage `screen` contains no installation errors",
+                "the stage `screen` was run without errors of gauge installation, which place.installation needs",
                 key="place.installation",
                 remedy="Run the stage `screen` again with this config.",
             )

@@ -87,7 +87,8 @@ def _worst_cases(report: PlacementReport) -> str:
     worst = [unknown for unknown in report.unknowns if unknown.worst_case]
     parts = listed([f"{escape(one.name)} ±{share(one.expected_std)} in {escape(one.worst_case)}" for one in worst])
     many = len(report.load_cases.name)
-    return f" Largest expected σ over {count(many)} load case{'s' * (many > 1)} (of a load: relative to its amplitude): {parts}."
+    cases = f"{count(many)} load case{'s' * (many > 1)}"
+    return f" Largest expected σ of the estimates over {cases} (loads: relative to the amplitude): {parts}."
 
 
 def placement_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
