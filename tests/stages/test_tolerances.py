@@ -115,7 +115,8 @@ def test_a_gain_alone_scales_readings_and_an_offset_shifts_them(beam):
     def alone(**tolerance):
         return readings(beam.drawn(f"tolerances={yaml.safe_dump(NOTHING | tolerance, default_flow_style=True)}"))
 
-    gain = installation_of(beam.case("tolerances.gain=0.05", "tolerances.common_gain=0").config, pool, 2).take(pool, base.gauges).gain
+    only = beam.case("tolerances.gain=0.05", "tolerances.common_gain=0").config
+    gain = installation_of(only, pool, 2).take(pool, base.gauges).gain
     np.testing.assert_allclose(alone(gain=0.05)[2], exact * (1 + gain), rtol=1e-12, atol=1e-18)
     for reading in alone(offset=1e-6):
         shift = reading - exact
