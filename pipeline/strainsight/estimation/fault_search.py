@@ -18,7 +18,6 @@ from strainsight.estimation.fault_evidence import (
     relative_innovation,
     scale_intensity,
     shifted_mode,
-    too_large,
 )
 from strainsight.estimation.faults import (
     ANGLES,
@@ -164,7 +163,7 @@ def search_faults(
     if scaled is not record:
         best = sorted(tried, key=lambda one: -one.evidence)[:CLOSELY]
         tried += [explain_record(scaled, one.fault)[0] for one in best]
-    if grid_run is None or too_large(as_it_is, grid_run) or choose_fault(reference.evidence, tried)[1]:
+    if grid_run is None or needs_fault_search(as_it_is, grid_run):
         tried += _try_model_errors(scaled, reference.evidence)
         hum = None if run is None else explain_hum(scaled, reference, run)
         tried += [] if hum is None else [hum]
