@@ -146,7 +146,7 @@ WORDS = {
 """Parts of a message that name a cause."""
 SENSOR = (
     "is rotated",
-    "times as large",
+    "as large as expected",
     "opposite sign",
     "swapped",
     "has an offset",
@@ -337,7 +337,7 @@ class Study:
     def band(self) -> tuple[float, float]:
         """Of the loads [Hz]."""
         first = self.truth.first(None)
-        return (round(0.15 * first, 3), round((1.0 if self.load else 1.6) * first, 3))
+        return (round(0.15 * first, 3), round((0.9 if self.load else 1.6) * first, 3))
 
     @property
     def h(self) -> float:

@@ -30,9 +30,6 @@ IMPOSSIBLE = -1e200
 """ln evidence below which a record is outside the floating-point range."""
 STRETCHED = 4.5
 """Plausible limit of a tolerance in σ: one of fifty normal numbers exceeds it in 3 of 10 000 records."""
-SUSPICIOUS = 0.05
-"""Relative excess of the innovations over their claim above which faults are searched; a record is inconsistent only if one is
-found, or above the band of `decision.check_ratio`."""
 LEARNED = 0.1
 """Least share of the variance of a frequency that counts as determined by the measurements."""
 BROAD = np.sqrt(3.0)
@@ -204,11 +201,8 @@ def too_large(fit: Explained, grid_run: GridRun | None) -> bool:
 
 
 def needs_fault_search(as_it_is: Explained, grid_run: GridRun | None) -> bool:
-    """Whether to search for faults: innovations are larger than claimed by more than SUSPICIOUS, or a tolerance exceeds STRETCHED
-    prior σ."""
-    if grid_run is None or not as_it_is.ratio <= 1 + SUSPICIOUS:
-        return True
-    return bool(np.any(np.abs(grid_run.nu_moments[0]) > STRETCHED))
+    """Whether to search for faults: innovations are too large, or a tolerance exceeds STRETCHED prior σ."""
+    return grid_run is None or too_large(as_it_is, grid_run) or bool(np.any(np.abs(grid_run.nu_moments[0]) > STRETCHED))
 
 
 def shifted_mode(

@@ -18,10 +18,12 @@ from strainsight.estimation.fault_evidence import (
     relative_innovation,
     scale_intensity,
     shifted_mode,
+    too_large,
 )
 from strainsight.estimation.faults import (
     ANGLES,
     BELIEVABLE,
+    MARGIN,
     MOST_LATE,
     SCALES,
     ChannelCheck,
@@ -49,6 +51,8 @@ MOST_SIZES, HALVED = 6, 2
 """Most sizes of a model error that are tried one after another, and how often the interval about the best is halved."""
 FASTER = (3.0, 10.0, 30.0, 100.0)
 """Factors on the intensity of unknown loads; if their process noise is too small, this is no fault of the record."""
+UNRESOLVED = 0.1
+"""Share of the gain in evidence by faster loads that the model of the loads does not resolve: it adds to MARGIN."""
 FAINT, QUIET = 0.2, 2.0
 """A channel may be dead below this share of its prediction, and below this multiple of its noise."""
 FEWEST = 3
@@ -58,7 +62,7 @@ FEWEST = 3
 @dataclass(frozen=True)
 class Diagnosis:
     """Whether a record is inconsistent with its model, and why. as_it_is: the record without a fault; reference: its evidence
-    with the most likely intensity of the unknown loads; check: each channel
+    with the most likely intensity of the unknown loads, and what their model does not resolve; check: each channel
     against the prediction by all others, or one step ahead if no fault was searched or a load is wrong; without (m,): ratio
     of innovations to their claim without each channel, else empty; tried: evaluated faults; named: the fault that explains
     the record, None if none or several do; candidates: all that do, best first; shifted: mode too far from the model, if no
@@ -163,14 +167,16 @@ def search_faults(
     if scaled is not record:
         best = sorted(tried, key=lambda one: -one.evidence)[:CLOSELY]
         tried += [explain_record(scaled, one.fault)[0] for one in best]
-    if grid_run is None or needs_fault_search(as_it_is, grid_run):
+    # an unknown load that its model describes badly makes other frequencies and damping more likely
+    large = not as_it_is.ratio <= BELIEVABLE if record.model.unknowns.inputs else too_large(as_it_is, grid_run)
+    if large or choose_fault(reference.evidence, tried)[1]:
         tried += _try_model_errors(scaled, reference.evidence)
         hum = None if run is None else explain_hum(scaled, reference, run)
         tried += [] if hum is None else [hum]
-    named, candidates = choose_fault(reference.evidence, tried)
-    return Diagnosis(
-        bool(candidates), as_it_is, check, without, tuple(tried), named, candidates, reference=reference.evidence
-    )
+    margin = MARGIN + UNRESOLVED * (reference.evidence - as_it_is.evidence)
+    named, candidates = choose_fault(reference.evidence, tried, margin)
+    finding = Diagnosis(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates)
+    return replace(finding, reference=reference.evidence + margin - MARGIN)
 
 
 def _with_likely_intensity(

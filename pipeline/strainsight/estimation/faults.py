@@ -304,12 +304,14 @@ class Explained:
     point: tuple[float, ...] = ()
 
 
-def choose_fault(as_it_is: float, tried: Sequence[Explained]) -> tuple[Explained | None, tuple[Explained, ...]]:
+def choose_fault(
+    as_it_is: float, tried: Sequence[Explained], margin: float = MARGIN
+) -> tuple[Explained | None, tuple[Explained, ...]]:
     """The one fault that makes the innovations plausible, if no other family does as well, and all that do, best first.
-    as_it_is: evidence without a fault. The evidence of a candidate exceeds that by MARGIN, its ratio is plausible, and its
+    as_it_is: evidence without a fault. The evidence of a candidate exceeds that by `margin`, its ratio is plausible, and its
     evidence is within APART of the best. Plausible is a ratio within SLACK of 1 or of the least of all faults, and at most
     BELIEVABLE."""
-    well = [one for one in tried if np.isfinite(one.evidence) and one.evidence - as_it_is >= MARGIN]
+    well = [one for one in tried if np.isfinite(one.evidence) and one.evidence - as_it_is >= margin]
     least = min((one.ratio for one in well), default=np.inf)
     limit = min(BELIEVABLE, (1 + SLACK) * max(1.0, least))
     well = sorted((one for one in well if one.ratio <= limit), key=lambda one: -one.evidence)

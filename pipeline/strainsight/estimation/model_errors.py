@@ -24,13 +24,15 @@ GAIN = 0.2
 
 
 def model_errors(model: FilterModel, considered: ConsideredParameters) -> list[Fault]:
-    """First errors to try: frequencies of the modes that the channels measure, masses at the loads, damping, and direction and
-    point of the loads, drift of all gauges, and their gain if a load is known."""
+    """First errors to try: frequencies of the modes that the channels measure, masses at known loads, damping, direction and
+    point of the loads, drift of all gauges, and their gain if a load is known. A mass at an unknown load cannot be distinguished
+    from another load."""
     rows, rom = considered.frequency, model.model
     modes = np.flatnonzero(rows[1:].any(axis=0)) if len(rows) > 1 else np.zeros(0, dtype=int)
     step = STEPS["frequency"]
     errors = [Fault("frequency", int(j), factor) for j in modes for factor in (1 - step, 1 + step)]
-    errors += [Fault("mass", i, mass) for i in range(len(rom.inputs)) if (mass := _mass(rom, i)) > 0]
+    known = [rom.inputs.index(name) for name in model.known_inputs]
+    errors += [Fault("mass", i, mass) for i in known if (mass := _mass(rom, i)) > 0]
     errors += [Fault("damping", 0, factor) for factor in (1 / STEPS["damping"], STEPS["damping"])]
     errors += [Fault("direction", 0)] * bool(len(considered.shape))
     return [*errors, Fault("warming", 0), *[Fault("gain", 0)] * bool(model.known_inputs)]

@@ -126,7 +126,7 @@ def _unmodelled_load(part: CheckRecord, fit: Fit, finding: Diagnosis) -> Residua
     pattern = residual_pattern(white, innovation, part.noise, BELIEVABLE)
     if pattern is None:
         return None
-    others = [finding.reference, *(one.evidence for one in finding.candidates)]
+    others = [finding.reference + MARGIN - APART, *(one.evidence for one in finding.candidates)]
     evidence = as_it_is.evidence + pattern.gain
     return pattern if evidence > max([as_it_is.evidence + MARGIN, *(other + APART for other in others)]) else None
 

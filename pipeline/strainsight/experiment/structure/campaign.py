@@ -314,7 +314,8 @@ def _filtered(
     try:
         consistent = [decision.accept or one.trusted for one in judgements]
         results, shifted = filter_by_consistency(filters, consistent, wanted, progress), None
-        if not decision.withheld:
+        # a load that is unknown may follow a wrong frequency, and is then no witness of it
+        if not decision.withheld and not first.problem.unknowns.inputs:
             pairs = zip(filters, results, strict=True)
             shifts = [shifted_mode(one.model, one.considered, result.grid_run, SHIFTED) for one, result in pairs]
             shifted = max(filter(None, shifts), key=lambda shift: shift.size, default=None)
