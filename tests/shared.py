@@ -133,6 +133,7 @@ def script(path: str) -> ModuleType:
     """The module of a file of the repository that is in no package."""
     spec = spec_from_file_location(Path(path).stem, ROOT / path)
     module = module_from_spec(spec)
+    sys.modules[spec.name] = module  # for dataclasses
     spec.loader.exec_module(module)
     return module
 
