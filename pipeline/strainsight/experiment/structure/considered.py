@@ -298,9 +298,9 @@ def build_considered(
 
 
 def _rows(m: int, row: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Place values in the given rows of m zero rows."""
+    """Add values to the given rows of m zero rows; the arms of a bridge share a row."""
     whole = np.zeros((m, values.shape[1]))
-    whole[row] = values
+    np.add.at(whole, row, values)
     return whole
 
 
