@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.estimation import fault_search
 from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.fault_evidence import explain_record, shifted_mode
 from strainsight.estimation.fault_search import examine_record
-from strainsight.estimation.faults import Fault
+from strainsight.estimation.faults import Explained, Fault
 from strainsight.estimation.model_errors import WIDER, add_constant, apply_model_error, further, model_errors
 from strainsight.rom.model import modal_basis
 
@@ -120,3 +121,11 @@ def test_shifts_over_what_their_tolerance_predicts_are_normal(record):
         shift = shifted_mode(drawn.model, drawn.considered, grid_run, limit=0.0)
         sizes.append(shift.size)
     assert 0.8 < np.sqrt(np.mean(np.square(sizes))) < 1.6
+
+
+def test_a_fault_is_named_although_no_filter_follows_the_record_as_it_is(record, monkeypatch):
+    """ln p = −∞ without a fault is no reference for what the model of the loads does not resolve."""
+    lost = Explained(None, -np.inf, np.inf), None
+    monkeypatch.setattr(fault_search, "model_errors", lambda model, considered: [])
+    found = fault_search.search_faults(replace(record, samples=record.samples * [1, -1, 1, 1]), first=lost)
+    assert found.named.fault == Fault("sign", 1)

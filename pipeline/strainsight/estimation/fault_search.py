@@ -173,10 +173,10 @@ def search_faults(
         tried += _try_model_errors(scaled, reference.evidence)
         hum = None if run is None else explain_hum(scaled, reference, run)
         tried += [] if hum is None else [hum]
-    margin = MARGIN + UNRESOLVED * (reference.evidence - as_it_is.evidence)
-    named, candidates = choose_fault(reference.evidence, tried, margin)
+    unresolved = UNRESOLVED * (reference.evidence - as_it_is.evidence) if np.isfinite(as_it_is.evidence) else 0.0
+    named, candidates = choose_fault(reference.evidence, tried, MARGIN + unresolved)
     finding = Diagnosis(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates)
-    return replace(finding, reference=reference.evidence + margin - MARGIN)
+    return replace(finding, reference=reference.evidence + unresolved)
 
 
 def _with_likely_intensity(
