@@ -20,7 +20,6 @@ from strainsight.experiment.hold_out import held_out
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.considered import exact_frequencies_in_words, not_held_in_words, tolerated
 from strainsight.experiment.structure.consistency import (
-    CHECK_MODE,
     ConsistencyResult,
     Together,
     build_check_record,
@@ -30,6 +29,7 @@ from strainsight.experiment.structure.consistency import (
 )
 from strainsight.experiment.structure.damage import damage_of_test
 from strainsight.experiment.structure.estimation import Common, Estimation, FilteredGauges, estimation_of_record
+from strainsight.experiment.structure.fault_text import CHECK_MODE
 from strainsight.experiment.structure.filtering import (
     by_grid,
     compared,
