@@ -119,7 +119,7 @@ def test_six_digits_and_no_deck(folder, mesh, response, of_deck):
     )
     same(of_deck, own, 1e-5)
     notes = read(Reduced, own["rom"]).results.notes
-    assert any("They follow the loads" in text for text in notes)
+    assert any("These follow the loads" in text for text in notes)
 
 
 @pytest.mark.slow
