@@ -245,7 +245,8 @@ class Tie(Section):
         "lies, with the shape functions of the facet. Use `surface` to tie a fine mesh to a coarse mesh."
     )
     reference: NodeId | None = Field(
-        None, description="Id of the reference node; a new id if `at` is set. Not used with `type: surface`."
+        None,
+        description="Id of the reference node. If `at` is set, a node with this id is created. Not used with `type: surface`.",
     )
     at: Point | None = Field(None, description="Position of a new reference node [m].")
     set: Text = Field(

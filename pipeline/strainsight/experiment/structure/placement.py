@@ -175,7 +175,7 @@ class _OnStructure(Subject):
             return np.zeros((len(self.problems), len(self.screened.noise_std)))
         if self.screened.installation is None:
             raise ConfigError(
-                "the stage `screen` was run without errors of gauge installation, which place.installation needs",
+                "the results of `screen` do not include gauge installation errors, but place.installation needs them",
                 key="place.installation",
                 remedy="Run the stage `screen` again with this config.",
             )

@@ -372,7 +372,9 @@ def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
     """A symmetric matrix: lines "row column value", each off-diagonal pair once. Raises DeckError for a name, invalid row
     numbers, and a pair that occurs twice."""
     if name is not None:
-        raise DeckError(f"a CalculiX matrix has no name such as {name!r}", remedy="remove `name`")
+        raise DeckError(
+            f"matrices in CalculiX files have no names, but `name` is set to {name!r}", remedy="remove `name`"
+        )
     entries = _entries(path)
     if entries.shape[1] != 3:
         what = f"the number of values per line is {entries.shape[1]}, not 3 (row, column and value)"
