@@ -16,6 +16,7 @@ from strainsight.estimation.decision import Decision
 from strainsight.estimation.model import surface_reading
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
+from strainsight.experiment.structure.considered import SOURCE
 from strainsight.experiment.structure.consistency import ConsistencyResult, clock_in_words
 from strainsight.experiment.structure.filtering import histories, posteriors_of
 from strainsight.experiment.structure.problem import damping_dependence_text, load_dependence_text, scheme_in_words
@@ -31,6 +32,7 @@ from strainsight.loads.histories import instant_values
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.estimated import ChannelOffsets, Damaged, Estimated, HoldOut, TestChannels, TestSource
 from strainsight.records.placed import budget_of_shares
+from strainsight.sensors.installation import COMMON_GAIN
 
 
 @dataclass(frozen=True)
@@ -216,6 +218,9 @@ def _predicted(record: RecordFilter, smoothed: Smoothed) -> tuple[np.ndarray, np
     ends = known_ends(test.known, considered)[model.every - 1 :: model.every]
     installation = np.einsum("dmn,tn->tdm", considered.D, x[:, :states]) + np.einsum("dmp,tp->tdm", considered.E, ends)
     installation += considered.offset
+    if model.unknowns.inputs:
+        # an unknown load follows the gain that the other gauges share with these
+        installation[:, np.array(considered.source) == SOURCE[COMMON_GAIN]] = 0.0
     loads = test.known.sum(axis=1)[model.every - 1 :: model.every]
     variance = output_std(J, P) ** 2 + model.noise + np.sum(installation**2, axis=1) + test.bias**2
     return x[:, :states] @ H.T + loads @ fed.T, np.sqrt(variance)
