@@ -71,13 +71,14 @@ def test_damping_is_scaled(record):
     np.testing.assert_allclose(changed.viscous(lam)[0], 3 * before.viscous(lam)[0])
 
 
-def test_a_wrong_direction_widens_the_load_errors_alone(record):
-    gain = add_constant(none_considered(record.model), "load gain", record.known, offset=np.ones(4))
-    both = add_constant(gain, "gain", record.known, offset=np.ones(4))
-    both = replace(both, shape=np.ones((1, 2, 1)))
+def test_a_wrong_direction_widens_direction_and_point_of_loads_alone(record):
+    both = none_considered(record.model)
+    for source in ("load direction", "load gain", "gain"):
+        both = add_constant(both, source, record.known, offset=np.ones(4))
+    both = replace(both, shape=np.ones((2, 2, 1)))
     wider = apply_model_error(replace(record, considered=both), Fault("direction", 0)).considered
-    np.testing.assert_array_equal(wider.offset, [[WIDER] * 4, [1.0] * 4])
-    np.testing.assert_array_equal(wider.shape, WIDER * both.shape)
+    np.testing.assert_array_equal(wider.offset, [[WIDER] * 4, [1.0] * 4, [1.0] * 4])
+    np.testing.assert_array_equal(wider.shape, [WIDER * both.shape[0], both.shape[1]])
 
 
 def test_warming_is_one_ramp_on_all_channels(record):
@@ -129,3 +130,11 @@ def test_a_fault_is_named_although_no_filter_follows_the_record_as_it_is(record,
     monkeypatch.setattr(fault_search, "model_errors", lambda model, considered: [])
     found = fault_search.search_faults(replace(record, samples=record.samples * [1, -1, 1, 1]), first=lost)
     assert found.named.fault == Fault("sign", 1)
+
+
+def test_warming_of_a_later_part_continues_the_ramp(record):
+    """Samples 300 to 600 of a record: the ramp is a half at their begin and whole at their end."""
+    later = apply_model_error(record, Fault("warming", 0), before=0.5).considered
+    np.testing.assert_allclose(later.offset[0], later.E[0, :, -1])
+    largest = np.sqrt(np.max(np.mean(record.samples**2, axis=0)))
+    np.testing.assert_allclose(later.offset[0] + later.E[0, :, -1], largest)

@@ -108,7 +108,7 @@ def test_noise_is_spoken_of_where_no_channel_is_to_blame(project):
     values[:, 1:] += 2e-7 * rng.standard_normal(values[:, 1:].shape)
     code, said, found = found_of(project, write(project / "noisy.csv", head, values))
     assert code == 3
-    assert "no single fault of a channel or a known load explains the inconsistency" in said
+    assert "no single fault of a channel, a known load or the model explains the inconsistency" in said
     assert "noise_std" in said
     assert found["/channel_check/candidate"].size == 0
 

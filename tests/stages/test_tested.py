@@ -117,7 +117,7 @@ def test_status_has_the_estimate_whether_it_is_up_to_date_and_a_file_that_is_gon
 
     found, _ = lines()
     assert "up to date" in found["estimate"]
-    assert "in shaken.csv" in found["estimate"]
+    assert "from shaken.csv" in found["estimate"]
     assert "up to date" in found["test"]
     assert "will run" in lines("--set=seed=4")[0]["estimate"]
     hidden = (project / "shaken.csv").rename(project / "away.csv")

@@ -75,7 +75,7 @@ def explain_record(record: CheckRecord, fault: Fault | None) -> tuple[Explained,
     noise."""
     corrected, change, unit = record, 0.0, 0.0
     if fault is not None and fault.of_model:
-        corrected = apply_model_error(record, fault)
+        corrected = apply_model_error(record, fault, record.begin / (record.begin + len(record.samples)))
     elif fault is not None and fault.of_load:
         corrected = undo_load_fault(record, record.load, fault)
     elif fault is not None:
@@ -133,6 +133,7 @@ def explain_hum(record: CheckRecord, as_it_is: Explained, grid_run: GridRun) -> 
     every, h = record.model.every, record.model.h
     time = every * h * (record.begin + 1 + np.arange(len(record.samples)))
     considered = replace(record.considered, learned=True)
+    still = None if record.settled is None else replace(record.settled, hold=0 * record.settled.hold)
     white = grid_run.run.whitened[record.sampled, 0]
     valid = np.isfinite(white)
     best = None
@@ -141,7 +142,7 @@ def explain_hum(record: CheckRecord, as_it_is: Explained, grid_run: GridRun) -> 
         for wave in (np.cos, np.sin):
             signal = np.tile(record.noise.max() * wave(2 * np.pi * f * time)[:, None], (1, white.shape[1]))
             samples = np.where(np.isfinite(record.samples), signal, np.nan)
-            silent = replace(record, samples=samples, known=0 * record.known, considered=considered, settled=None)
+            silent = replace(record, samples=samples, known=0 * record.known, considered=considered, settled=still)
             try:
                 waves.append(filter_on_grid(silent.known_at(np.array(as_it_is.point))).run.whitened[record.sampled, 0])
             except NumericalError:

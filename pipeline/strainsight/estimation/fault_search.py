@@ -82,10 +82,17 @@ class Diagnosis:
 
     def best_of(self, channel: int) -> Explained | None:
         """The best fault of one channel; None if none makes the innovations plausible or improves the evidence."""
+        if any(one.fault is not None and one.fault.of_model for one in self.candidates):
+            return None
         tried = (one for one in self.tried if one.fault is not None and channel in one.fault.channels)
         believable = [one for one in tried if one.ratio <= BELIEVABLE]
         best = max(believable, key=lambda one: one.evidence, default=None)
-        return best if best is not None and best.evidence > self.as_it_is.evidence else None
+        return best if best is not None and best.evidence > self.without_fault else None
+
+    @property
+    def without_fault(self) -> float:
+        """ln evidence of the record without a fault."""
+        return max(self.as_it_is.evidence, self.reference)
 
 
 def examine_record(

@@ -12,6 +12,7 @@ from strainsight.estimation.faults import Fault
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import GridRecord
 from strainsight.rom.model import ReducedModel, modal_basis
+from strainsight.sensors.candidates import STRAIN
 
 R = TypeVar("R", bound=GridRecord)
 
@@ -19,6 +20,8 @@ STEPS = {"frequency": 0.02, "mass": 0.02, "damping": 2.0}
 """First step of the search: change of a frequency, of the first frequency by an added mass, and factor on damping ratios."""
 WIDER = 10.0
 """Factor on the tolerances of direction and point of a load."""
+MISALIGNED = ("load direction", "load point")
+"""Sources of load errors that `direction` makes larger."""
 GAIN = 0.2
 """Prior σ of a gain common to all strain gauges."""
 
@@ -34,7 +37,9 @@ def model_errors(model: FilterModel, considered: ConsideredParameters) -> list[F
     known = [rom.inputs.index(name) for name in model.known_inputs]
     errors += [Fault("mass", i, mass) for i in known if (mass := _mass(rom, i)) > 0]
     errors += [Fault("damping", 0, factor) for factor in (1 / STEPS["damping"], STEPS["damping"])]
-    errors += [Fault("direction", 0)] * bool(len(considered.shape))
+    errors += [Fault("direction", 0)] * bool(set(considered.source) & set(MISALIGNED))
+    if _straining(model).sum() < 2:
+        return errors
     return [*errors, Fault("warming", 0), *[Fault("gain", 0)] * bool(model.known_inputs)]
 
 
@@ -47,12 +52,12 @@ def _mass(model: ReducedModel, load: int) -> float:
 
 
 def further(fault: Fault) -> Fault | None:
-    """The same error one step larger; None for errors without a size."""
+    """The same error twice as large; None for errors without a size."""
     if fault.kind == "frequency":
-        return replace(fault, amount=fault.amount + np.sign(fault.amount - 1) * STEPS["frequency"])
+        return replace(fault, amount=1 + 2 * (fault.amount - 1))
     if fault.kind == "mass":
         return replace(fault, amount=2 * fault.amount)
-    return replace(fault, amount=fault.amount**2) if fault.kind == "damping" else None
+    return replace(fault, amount=fault.amount * (2 if fault.amount > 1 else 0.5)) if fault.kind == "damping" else None
 
 
 def between(first: Fault, second: Fault) -> Fault:
@@ -60,8 +65,8 @@ def between(first: Fault, second: Fault) -> Fault:
     return replace(first, amount=(first.amount + second.amount) / 2)
 
 
-def apply_model_error(record: R, fault: Fault) -> R:
-    """The record with a model that has this error:
+def apply_model_error(record: R, fault: Fault, before: float = 0.0) -> R:
+    """The record with a model that has this error; before: share of the record before these samples.
 
     frequency of mode j times f     M + (f⁻² − 1) Mφⱼφⱼᵀ M
     mass m at a load                M + m s sᵀ,   s the input shape of the load
@@ -85,21 +90,37 @@ def apply_model_error(record: R, fault: Fault) -> R:
         return replace(record, model=replace(model, model=replace(rom, mass=mass)))
     if fault.kind == "direction":
         return replace(record, considered=_wider_loads(considered))
-    straining = np.ones(record.samples.shape[1]) if model.accelerometers is None else ~model.accelerometers * 1.0
+    straining = _straining(model)
     if fault.kind == "gain":
-        rows = GAIN * straining[:, None] * model.rows_at(model.unknowns.guess)[..., : model.parameter_states.start]
+        theta = {**model.fixed, **model.unknowns.guess}
+        rows = GAIN * straining[:, None] * model.rows_at(theta)[..., : model.parameter_states.start]
         return replace(record, considered=add_constant(considered, fault.kind, record.known, rows=rows))
-    largest = float(np.sqrt(np.nanmax(np.nanmean(record.samples**2, axis=0))))
-    return replace(record, considered=add_constant(considered, fault.kind, record.known, drift=largest * straining))
+    count = np.maximum(np.isfinite(record.samples).sum(axis=0), 1)
+    largest = np.sqrt(np.max(straining * np.nansum(record.samples**2, axis=0) / count))
+    offset, drift = before * largest * straining, (1 - before) * largest * straining
+    return replace(record, considered=add_constant(considered, fault.kind, record.known, offset=offset, drift=drift))
+
+
+def _straining(model: FilterModel) -> np.ndarray:
+    """1 for each strain gauge (m,), else 0."""
+    quantity = np.full(model.H.shape[-2], STRAIN) if model.quantity is None else model.quantity
+    return np.asarray(quantity == STRAIN, dtype=float)
 
 
 def _wider_loads(considered: ConsideredParameters) -> ConsideredParameters:
+    """Direction and point of the loads with a tolerance WIDER times as large; not gain and interpolation error."""
     count = len(considered.shape)
-    D, E, offset = considered.D.copy(), considered.E.copy(), considered.offset.copy()
-    for rows in (D, E, offset):
-        rows[:count] *= WIDER
-    B = None if considered.B is None else considered.B * WIDER
-    return replace(considered, D=D, E=E, offset=offset, B=B, shape=considered.shape * WIDER)
+    factor = np.array([WIDER if source in MISALIGNED else 1.0 for source in considered.source])
+    factor[count:] = 1.0
+    B = considered.B if considered.B is None else considered.B * factor[: considered.B.shape[-1]]
+    return replace(
+        considered,
+        D=considered.D * factor[:, None, None],
+        E=considered.E * factor[:, None, None],
+        offset=considered.offset * factor[:, None],
+        B=B,
+        shape=considered.shape * factor[:count, None, None],
+    )
 
 
 def add_constant(

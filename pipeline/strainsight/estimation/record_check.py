@@ -103,7 +103,8 @@ def _check_stretch(part: CheckRecord, whole: CheckRecord, discrepancy: float, pr
     if finding.searched and (pattern := _unmodelled_load(part, as_it_is, finding)) is not None:
         finding = replace(finding, inconsistent=True, named=None, candidates=(), shifted=None, pattern=pattern)
     stretch = part
-    if len(part.samples) < len(whole.samples) and len(finding.candidates) > 1:
+    of_model = any(one.fault is not None and one.fault.of_model for one in finding.candidates)
+    if len(part.samples) < len(whole.samples) and len(finding.candidates) > 1 and not of_model:
         later = part.begin - whole.begin
         faults = [one.fault.later(later) for one in finding.candidates if one.fault is not None]
         tried = [explain_record(whole, fault)[0] for fault in faults]

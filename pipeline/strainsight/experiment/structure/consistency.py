@@ -148,7 +148,7 @@ def check_consistency(
     candidates = (named,) if named else tuple(words.of(one)[0] for one in finding.candidates)
     # in a consistent record a fault that fits slightly better is chance
     best = [finding.best_of(j) if finding.inconsistent else None for j in range(len(test.labels))]
-    gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
+    gain = [0.0 if one is None else one.evidence - finding.without_fault for one in best]
     by_channel = record_from(
         ChannelsChecked,
         finding.check,

@@ -41,7 +41,7 @@ class FaultInWords:
         fault, record = explanation.fault, self.test.record
         assert fault is not None
         if fault.of_model:
-            return self._of_model(fault)
+            return self._of_model(fault, explanation.point)
         what, remedy = self._of_kind(fault, explanation.amount, explanation.std)
         source = record.inputs if fault.of_load else record.channels
         if record.section != "estimate" and not source.startswith(record.section):
@@ -49,11 +49,13 @@ class FaultInWords:
             remedy += f" (to correct only this record, copy the config section {source} to {key} and change the copy)"
         return what, remedy
 
-    def _of_model(self, fault: Fault) -> tuple[str, str]:
-        """Return an error of the model, and what to check."""
-        rom = self.stretch.model.model
+    def _of_model(self, fault: Fault, point: Sequence[float]) -> tuple[str, str]:
+        """Return an error of the model, and what to check; point: ln θ/guess of the parameters."""
+        rom, unknowns = self.stretch.model.model, self.stretch.model.unknowns
         if fault.kind == "frequency":
-            modelled = float(np.sqrt(modal_basis(rom, rom.reference)[0][fault.channel])) / (2 * np.pi)
+            values = zip(unknowns.parameters, point, strict=True)
+            theta = {**rom.reference, **{name: unknowns.guess[name] * np.exp(value) for name, value in values}}
+            modelled = float(np.sqrt(modal_basis(rom, theta)[0][fault.channel])) / (2 * np.pi)
             return shift_in_words(fault.channel, modelled, fault.amount), CHECK_MODE
         if fault.kind == "mass":
             name = rom.inputs[fault.channel]
