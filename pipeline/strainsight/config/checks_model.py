@@ -23,6 +23,10 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
     if matrices is not None and config.mesh.mass is not None:
         what = "mesh.matrices already contains the mass matrix"
         yield Problem("mesh.mass", what, "remove mesh.mass or mesh.matrices")
+    if config.mesh.point_masses and (matrices is not None or config.mesh.results is not None):
+        what = f"{'mesh.matrices' if matrices is not None else 'mesh.results'} already contains all masses"
+        remedy = "remove mesh.point_masses, and include the masses in the imported model"
+        yield Problem("mesh.point_masses", what, remedy, at_key=True)
     for name, load in config.loads.items():
         if matrices is not None and (load.gravity or load.rotation):
             what = "gravity and rotation need the positions of the masses, but mesh.matrices contains no positions"

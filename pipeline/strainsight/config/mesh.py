@@ -206,6 +206,22 @@ class Support(Section):
             yield Problem("components", what, "define two supports, one with components 1-3 and one with 4-6")
 
 
+class PointMassSection(Section):
+    """Mass of a sensor, cable or fixture that the mesh file lacks."""
+
+    node: NodeId | None = Field(None, description="Id of the node with the mass.")
+    set: Text | None = Field(
+        None, description="Name of the node set or face with the mass, in equal shares of its nodes, instead of `node`."
+    )
+    mass: Annotated[NotNegative, Plausible(0.0, 1e5, "kg")] = Field(description="Mass [kg].")
+    std: Annotated[NotNegative, Plausible(0.0, 1e5, "kg")] = Field(
+        0.0, description="Standard deviation of the mass [kg]; it has the effect of a tolerance. 0: exact mass."
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        yield from exactly_one("", {"node": self.node, "set": self.set})
+
+
 class Face(Section):
     """A named part of the surface: the facets that `near`, `normal`, `box` and `radius`, as far as set, all select."""
 
@@ -469,6 +485,11 @@ class MeshFile(Section):
         "quadrangles and lines without a section have no stiffness; they describe the surface of the solids.",
     )
     supports: tuple[Support, ...] = Field((), description="Supports in addition to those of the mesh file.")
+    point_masses: dict[Name, PointMassSection] = Field(
+        {},
+        description="Point masses in addition to those of the mesh file: accelerometers, cables, load cells and fixtures, by "
+        "name.",
+    )
     free: bool = Field(
         False,
         description="`true`: the structure is free and needs no supports. Rigid-body modes produce no strain and are omitted; "

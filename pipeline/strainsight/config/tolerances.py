@@ -124,6 +124,14 @@ class Tolerances(GaugeTolerances):
         "change. The frequency of each single mode has an additional relative standard deviation of half this value. "
         "Example: a density error of 1 % changes frequencies by 0.5 %. Use 0 for a model updated to measured frequencies.",
     )
+    load_mass: Annotated[float, Plausible(0.0, 0.1)] = expert(
+        0.005,
+        ge=0,
+        le=0.5,
+        description="Standard deviation of the mass that the model lacks at each force (load cell, fixture, moving part of the "
+        "exciter), relative to the mass of the structure [-]. An unknown load cannot be distinguished from the inertia of such "
+        "a mass. Use 0 if `mesh.point_masses` contains these masses.",
+    )
     model: Annotated[float, GAIN] = expert(
         0.0,
         ge=0,

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 
-from strainsight.estimation.conditional import ConsideredParameters, considers, discrepancy, known_ends, linear_models
+from strainsight.estimation.conditional import (
+    MASS,
+    ConsideredParameters,
+    considers,
+    discrepancy,
+    inertia_std,
+    known_ends,
+    linear_models,
+)
 from strainsight.estimation.model import FilterModel, augmented_jacobian, measured_jacobian, theta_of
 from strainsight.estimation.record import Settled, start_errors
 from strainsight.estimation.update import gain, joseph_update, predict, schmidt_gain, standard_deviation, transpose
@@ -79,31 +87,31 @@ class _Constants:
     def __init__(self, model: FilterModel, considered: ConsideredParameters, u: np.ndarray):
         at_guess = np.zeros((1, len(model.unknowns.parameters)))
         self.model, self.linear = model, linear_models(model, at_guess, considered)
-        self.unknown, self.known = model.columns
+        self.known = model.columns[1]
         self.ends = known_ends(u[:, :, self.known], considered)
 
     def along(self, span: slice, start: np.ndarray, end: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A_ν x + G_ν w (L, d, n*) and D x + E w₁ + o (L, d, m) of a span; start, end [q, q̇] (L, 2n), u (L, HOLD, n_u)."""
         linear, states, last = self.linear, self.model.parameter_states.start, u.sum(axis=1)
         pushed, moving = np.zeros((len(u), linear.considered_count, self.model.size)), linear.moving
-        x, w = self._states(start, u[:, 0]), u[:, :, self.known].reshape(len(u), -1)
+        x, w = states_at(self.model, start, u[:, 0]), u[:, :, self.known].reshape(len(u), -1)
         pushed[:, :moving, :states] = np.einsum("eij,tj->tei", linear.A_nu[0], x, optimize=True)
         pushed[:, :moving, :states] += np.einsum("eij,tj->tei", linear.G_nu[0], w, optimize=True)
-        read = np.einsum("dmj,tj->tdm", linear.D, self._states(end, last), optimize=True) + linear.offset
+        read = np.einsum("dmj,tj->tdm", linear.D, states_at(self.model, end, last), optimize=True) + linear.offset
         return pushed, read + np.einsum("dmj,tj->tdm", linear.E, self.ends[span], optimize=True)
 
     def reading(self, end: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Readings (T, m) at the ends [q, q̇] (T, 2n) of all steps, u (T, HOLD, n_u)."""
-        states = self._states(end, u.sum(axis=1))
+        states = states_at(self.model, end, u.sum(axis=1))
         return np.asarray(states @ self.linear.H[0].T + self.ends @ self.linear.F[0].T)
 
-    def _states(self, motion: np.ndarray, loads: np.ndarray) -> np.ndarray:
-        """[q, q̇, ζ] (L, n) at instants with loads (L, n_u) [N]."""
-        model = self.model
-        x = np.zeros((len(motion), model.parameter_states.start))
-        x[:, model.motion] = motion
-        x[:, model.position[: len(self.unknown)]] = loads[:, self.unknown] / model.amplitude
-        return x
+
+def states_at(model: FilterModel, motion: np.ndarray, loads: np.ndarray) -> np.ndarray:
+    """[q, q̇, ζ] (L, n) at instants with motion [q, q̇] (L, 2n) and loads (L, n_u) [N]."""
+    unknown, x = model.columns[0], np.zeros((len(motion), model.parameter_states.start))
+    x[:, model.motion] = motion
+    x[:, model.position[: len(unknown)]] = loads[:, unknown] / model.amplitude
+    return x
 
 
 NOISE, PROCESS, START = "noise", "process noise", "start"
@@ -255,7 +263,7 @@ def predict_grid_std(
                 slope = transpose(state_errors.slope(H, read)[:, first])
                 state_errors.update(schmidt_gain(state_errors.P, H, R, state_errors.V[:, first], slope), H, R, read)
         claimed.after(k, errors if state_errors is None else state_errors, state_errors is not None)
-    return claimed.claim()
+    return _with_inertia(claimed.claim(), model, considered, trajectory, u)
 
 
 class _Errors:
@@ -382,3 +390,17 @@ class _Claimed:
         budget = {name: self.white[:, i] for i, name in enumerate(WHITE)}
         budget[START] = budget[START] + np.sum(self.constant[:, d:] ** 2, axis=1)
         return ClaimedStd(self.std, budget | by_source(self.source, self.constant[:, :d]))
+
+
+def _with_inertia(
+    claim: ClaimedStd, model: FilterModel, considered: ConsideredParameters, x: np.ndarray, u: np.ndarray
+) -> ClaimedStd:
+    """The claim with the inertia at unknown loads; x (T + 1, 2n), u (T, HOLD, n_u) as in `predict_grid_std`."""
+    loads = np.concatenate([u[:1, 0], u.sum(axis=1)])
+    mean = np.zeros((len(x), model.size))
+    mean[:, : model.parameter_states.start] = states_at(model, x, loads)
+    inertia = inertia_std(model, considered, mean, loads[:, model.columns[1]])
+    if not inertia.any():
+        return claim
+    budget = {**claim.budget, MASS: claim.budget.get(MASS, 0.0) + inertia**2}
+    return ClaimedStd(np.hypot(claim.std, inertia[:, None]), budget)

@@ -12,6 +12,8 @@ from strainsight.estimation.parallel_filters import LinearModels, ModalMotion, p
 from strainsight.rom.modal_step import HOLD, ModalMap, acceleration_map, modal_step, scheme_step
 from strainsight.rom.model import first_of_equal, modal_basis
 
+MASS = "mass"
+"""Source of variance: masses that the model lacks."""
 DIFFERENCE = 1e-3
 """Relative step of the fourth-order differences in damping and stiffness, accurate to 1e-11."""
 
@@ -26,7 +28,8 @@ class ConsideredParameters:
 
     source (d,): meaning of each ν of the readings; D (d, m, n), E (d, m, n_known), o (d, m); with drifts E (d, m, n_known +
     1), where t/T follows the loads in w₁ (`known_ends`). Those of the motion come first. damping: σ of ln c of each mode;
-    frequency (k, r): change of ln ω of each mode per unit ν; stiffness: σ of the logarithm of one common scale; 0 if exact.
+    frequency (k, r): change of ln ω of each mode per unit ν, the last `masses` of them by mass errors; stiffness: σ of the
+    logarithm of one common scale; 0 if exact.
     shape (f, r, n_u): change of the input shape S [1/√kg] of r coordinates by the first f of the others; its instantaneous
     effect is in D and E (`load_rows`). load (f,): the input u [N] that each of them changes. Truncated displacements are
     proportional to νⱼuⱼ; behind: whether a smoother appends them to its states; B (d, m, f): their effect on the readings per
@@ -34,7 +37,8 @@ class ConsideredParameters:
     loads consider ν (`considers`). For parameters ν is always integrated out. discrepancy: σ of white model error over the
     RMS of a reading, relevant for parameters under known loads. about (d,), or of the first ν, others zero: linearisation
     point of the readings (`linearise_about_samples`). centre (k,): parameters whose natural frequencies are used at all
-    others (`tune_frequencies`); None: no common frequencies."""
+    others (`tune_frequencies`); None: no common frequencies. inertia (p, n + n_known): σ of the mass at each of p unknown loads
+    times its acceleration, in unit amplitudes of the load, per state and known load (`inertia_std`); empty without."""
 
     source: tuple[str, ...]
     D: np.ndarray
@@ -50,11 +54,14 @@ class ConsideredParameters:
     B: np.ndarray | None = None
     about: np.ndarray = field(default_factory=lambda: np.zeros(0))
     frequency: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    masses: int = 0
     centre: np.ndarray | None = None
+    inertia: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def sources(self, modes: int) -> tuple[str, ...]:
         """Meaning of each ν, those of the motion first."""
-        of_modes = ("damping",) * (modes * (self.damping > 0)) + ("frequency",) * len(self.frequency)
+        of_modes = ("damping",) * (modes * (self.damping > 0)) + ("frequency",) * (len(self.frequency) - self.masses)
+        of_modes += (MASS,) * self.masses
         return of_modes + ("stiffness",) * (self.stiffness > 0) + self.source
 
     def of_modes(self, modes: int) -> int:
@@ -103,6 +110,21 @@ def known_ends(known: np.ndarray, considered: ConsideredParameters) -> np.ndarra
     if considered.E.shape[-1] == loads.shape[1]:
         return loads
     return np.column_stack([loads, np.arange(1, steps + 1) / steps])
+
+
+def inertia_std(
+    model: FilterModel, considered: ConsideredParameters, mean: np.ndarray, loads: np.ndarray
+) -> np.ndarray:
+    """σ (T, n*) of x* by masses that the model lacks at unknown loads: σ_m |a|, a the acceleration of the point of the load.
+
+    Measurements cannot separate such a load f from the inertia of the mass: the filter estimates f − m a. mean (T, n*) of x*;
+    loads (T, n_known): known loads at the same instants."""
+    std = np.zeros_like(mean)
+    if considered.inertia.any():
+        rows, n = considered.inertia, model.parameter_states.start
+        of_loads = mean[:, :n] @ rows[:, :n].T + loads[:, : rows.shape[1] - n] @ rows[:, n:].T
+        std[:, model.position[: len(rows)]] = np.abs(of_loads)
+    return std
 
 
 def conditional_states(model: FilterModel, offsets: int = 0) -> np.ndarray:

@@ -110,12 +110,7 @@ def examine_record(
         return Diagnosis(False, as_it_is, _check_ahead(record, grid_run), searched=False)
     finding = search_faults(record, progress, (as_it_is, grid_run))
     too_large = not as_it_is.ratio <= BELIEVABLE and relative_innovation(grid_run) > discrepancy
-    more_channels = record.samples.shape[1] > len(record.model.unknowns.inputs)
-    shifted = (
-        shifted_mode(record.model, record.considered, grid_run)
-        if more_channels and not (finding.inconsistent or too_large)
-        else None
-    )
+    shifted = None if finding.inconsistent or too_large else finding.shifted
     return replace(finding, inconsistent=finding.inconsistent or too_large or shifted is not None, shifted=shifted)
 
 
@@ -183,7 +178,8 @@ def search_faults(
     unresolved = UNRESOLVED * (reference.evidence - as_it_is.evidence) if np.isfinite(as_it_is.evidence) else 0.0
     named, candidates = choose_fault(reference.evidence, tried, MARGIN + unresolved)
     finding = Diagnosis(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates)
-    return replace(finding, reference=reference.evidence + unresolved)
+    shifted = shifted_mode(record.model, record.considered, run)
+    return replace(finding, reference=reference.evidence + unresolved, shifted=shifted)
 
 
 def _with_likely_intensity(

@@ -11,6 +11,7 @@ from strainsight.estimation.conditional import (
     apply_damping,
     conditional_states,
     discrepancy,
+    inertia_std,
     linear_models,
     load_rows,
     tune_frequencies,
@@ -63,7 +64,8 @@ def smooth_on_grid(
             covariance[at, 0] = spread
         if progress is not None:
             progress(1 - at.start / instants)
-    return Smoothed(grid_run.run.time, whole[:, None], std[:, None], covariance, selected)
+    inertia = inertia_std(model, record.considered, whole, record.known_at_instants)
+    return Smoothed(grid_run.run.time, whole[:, None], np.hypot(std, inertia)[:, None], covariance, selected)
 
 
 def _mix(

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.columns import Column
 from strainsight.errors import NumericalError
-from strainsight.estimation.conditional import conditional_states
+from strainsight.estimation.conditional import conditional_states, inertia_std
 from strainsight.estimation.parallel_filters import LinearModels, Passage, States
 from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun, Keep
@@ -231,12 +231,15 @@ class Mixture:
 
     def finished(self) -> FilterRun:
         """The mixture as a filter run; σ and covariances contain the considered parameters."""
-        back = self.back
+        back, record = self.back, self.record
+        mean = self.mean[:, back]
+        inertia = inertia_std(record.model, record.considered, mean, record.known_at_instants)
+        at = record.model.position
         return FilterRun(
-            time=self.record.model.h * np.arange(self.record.steps + 1),
-            mean=self.mean[:, None, back],
-            std=self.std[:, None, back],
-            unknown_covariance=self.unknown_covariance[:, None],
+            time=record.model.h * np.arange(record.steps + 1),
+            mean=mean[:, None],
+            std=np.hypot(self.std[:, back], inertia)[:, None],
+            unknown_covariance=(self.unknown_covariance + inertia[:, at, None] ** 2 * np.eye(len(at)))[:, None],
             gauge_mean=self.gauge_mean[:, None],
             gauge_std=np.sqrt(self.gauge_variance)[:, None],
             innovation=self.innovation[:, None],

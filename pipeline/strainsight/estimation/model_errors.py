@@ -30,8 +30,8 @@ def model_errors(model: FilterModel, considered: ConsideredParameters) -> list[F
     """First errors to try: frequencies of the modes that the channels measure, masses at known loads, damping, direction and
     point of the loads, drift of all gauges, and their gain if a load is known. A mass at an unknown load cannot be distinguished
     from another load."""
-    rows, rom = considered.frequency, model.model
-    modes = np.flatnonzero(rows[1:].any(axis=0)) if len(rows) > 1 else np.zeros(0, dtype=int)
+    rows, rom = considered.frequency[1 : len(considered.frequency) - considered.masses], model.model
+    modes = np.flatnonzero(rows.any(axis=0))
     step = STEPS["frequency"]
     errors = [Fault("frequency", int(j), factor) for j in modes for factor in (1 - step, 1 + step)]
     known = [rom.inputs.index(name) for name in model.known_inputs]

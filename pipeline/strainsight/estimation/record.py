@@ -113,6 +113,11 @@ class GridRecord:
         """Steps that end with a sample."""
         return slice(self.model.every - 1, None, self.model.every)
 
+    @property
+    def known_at_instants(self) -> np.ndarray:
+        """Known loads (T + 1, n_known) at the instants [N]."""
+        return np.concatenate([self.known[:1, 0], self.known.sum(axis=1)])
+
     @cached_property
     def data(self) -> Data:
         """Filter inputs of each step."""

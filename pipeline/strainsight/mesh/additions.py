@@ -14,7 +14,7 @@ import numpy as np
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.anisotropic import Anisotropic, Layer, Orientation
 from strainsight.mesh.facets import Facets, all_facets, facet_key
-from strainsight.mesh.joins import AveragingElement, RigidElement, Springs
+from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement, Springs
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, IntArray, Material, Mesh
 from strainsight.mesh.thin import Lamina, Ply
@@ -184,10 +184,22 @@ def with_layers(mesh: Mesh, region: int, layers: Sequence[Any]) -> Mesh:
     return replace(mesh, composites={**mesh.composites, region: composite})
 
 
+def nodes_at(mesh: Mesh, node: int | None, set_name: str | None) -> IntArray:
+    """Index of a node (id), or the indices of a node set or face if there is no node."""
+    return node_indices(mesh, str(set_name)) if node is None else np.array([mesh.node_index(node)])
+
+
 def with_support(mesh: Mesh, nodes: IntArray, components: Sequence[int]) -> Mesh:
     """A mesh with nodes (k,) (indices) clamped in components 0-5."""
     pairs = np.array([(node, c) for node in nodes for c in components], dtype=np.int64).reshape(-1, 2)
     return replace(mesh, fixed=np.unique(np.vstack([mesh.fixed.reshape(-1, 2), pairs]), axis=0))
+
+
+def with_mass(mesh: Mesh, nodes: IntArray, mass: float) -> Mesh:
+    """A mesh with an added mass [kg], in equal shares of nodes (k,) (indices)."""
+    first = max((point.id for point in mesh.point_masses), default=0) + 1
+    added = tuple(PointMass(first + i, int(node), mass / len(nodes)) for i, node in enumerate(nodes))
+    return replace(mesh, point_masses=(*mesh.point_masses, *added))
 
 
 def with_node(mesh: Mesh, node_id: int, position: Sequence[float]) -> Mesh:

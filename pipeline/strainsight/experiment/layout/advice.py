@@ -69,6 +69,7 @@ REMEDY = {
     "load gain": "calibrate the load cells more accurately",
     "load between samples": "record known loads at a higher rate",
     "damping": "measure the damping of each mode",
+    "mass": "weigh load cells and fixtures, and enter them in mesh.point_masses",
     "frequency": "measure the natural frequencies and update the model, or use quasi-static loads",
     "stiffness": "determine the stiffness more accurately, or estimate a modulus",
 }

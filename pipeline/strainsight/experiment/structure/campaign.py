@@ -261,7 +261,7 @@ def campaign_of(
     # estimate of each record
     not_held = not_held_in_words(structure)
     exact = "" if withheld else exact_frequencies_in_words(config)
-    notes = (*bare, note, *_notes(hidden, tuning), *damage_notes, "" if shifted is None else _shift_in_words(shifted))
+    notes = (*bare, note, *_notes(hidden, tuning), *damage_notes, _shift_in_words(shifted))
     common = Common(config, decision, skin, virtual, (*not_held, exact), notes)
     estimations = {}
     for record, result, judgement, hold_out in zip(filters, results, judgements, hold_outs, strict=True):
@@ -305,7 +305,7 @@ def _filtered(
     progress: Callable[[float], None],
 ) -> tuple[tuple[FilteredRecord, ...], ShiftedMode | None]:
     """Run filter and smoother, and a comparison with other filters if configured or cheap. If natural frequencies differ from the
-    model by more than SHIFTED of what their tolerance predicts, run again with the tolerance that fits, and return the mode."""
+    model by more than their tolerance predicts, run again with the tolerance that fits (Birge ratio), and return the mode."""
     if not decision.accept:
         # σ is withheld; without scaled σ the parameter grid cannot follow inconsistent measurements
         ratios = [one.birge_ratio for one in judgements]
@@ -317,7 +317,7 @@ def _filtered(
         # a load that is unknown may follow a wrong frequency, and is then no witness of it
         if not decision.withheld and not first.problem.unknowns.inputs:
             pairs = zip(filters, results, strict=True)
-            shifts = [shifted_mode(one.model, one.considered, result.grid_run, SHIFTED) for one, result in pairs]
+            shifts = [shifted_mode(one.model, one.considered, result.grid_run, 1.0) for one, result in pairs]
             shifted = max(filter(None, shifts), key=lambda shift: shift.size, default=None)
         if shifted is not None:
             filters = [record.with_wider_frequencies(shifted.size) for record in filters]
@@ -362,7 +362,9 @@ def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, resul
     )
 
 
-def _shift_in_words(shifted: ShiftedMode) -> str:
+def _shift_in_words(shifted: ShiftedMode | None) -> str:
+    if shifted is None or shifted.size <= SHIFTED:
+        return ""
     return (
         f"the natural frequencies differ from the model: mode {shifted.mode + 1} by {100 * (shifted.factor - 1):+.2g} %, "
         f"{shifted.size:.2g} times what tolerances.frequency predicts. σ is computed with a tolerance that is larger by this "

@@ -32,9 +32,9 @@ from strainsight.experiment.structure.tolerated_loads import (
     stacked,
     tolerated_loads,
 )
-from strainsight.experiment.structure.truth import BY_MODE, modulus_estimated
+from strainsight.experiment.structure.tolerated_masses import frequency_errors, inertia_rows, load_mass_std
+from strainsight.experiment.structure.truth import modulus_estimated
 from strainsight.rom.modal_step import modal_step, simulate
-from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
 from strainsight.sensors.installation import COMMON, COMMON_GAIN, InstallationStd
 
@@ -59,10 +59,6 @@ RENEWED = ("offset", "drift", "temperature")
 """Sources with independent errors in every record of a test, as gauges are zeroed before each."""
 
 
-SHARE, MOST = 0.999, 6
-"""Share of the inertial readings in training covered by modes with separate frequency errors, and most such modes."""
-
-
 @dataclass(frozen=True)
 class Zero:
     """Error independent of the motion: source; std (k,) of k channels [unit of the channel]; owner (k,): channels with the same
@@ -81,7 +77,8 @@ class Tolerated:
     channels (k,): of train.h5, ascending; quantity (k,); channel_of_grid, sign, gauge: of g grids (`Candidates.grids`), gauge is
     common to grids that move together; slope: name → (g, n) per reduced coordinate; unreduced: name → (g, f) per load error
     outside the reduced basis [1/N]; mean (g, n): mean change of the reading; zeros: errors independent of the motion;
-    loads: load errors; damping, frequency, stiffness, learned, discrepancy: see `ConsideredParameters`."""
+    loads: load errors; load_mass (n_u,): σ of the mass at each force [kg]; damping, frequency, masses, stiffness, learned,
+    discrepancy: see `ConsideredParameters`."""
 
     channels: np.ndarray
     quantity: np.ndarray
@@ -95,6 +92,8 @@ class Tolerated:
     loads: ToleratedLoads
     damping: float
     frequency: np.ndarray
+    masses: int
+    load_mass: np.ndarray
     stiffness: float
     learned: bool
     discrepancy: float
@@ -133,28 +132,12 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
         _zeros(std, part),
         loads,
         float(np.log(tolerances.damping)),
-        _frequency(structure, training.rows[wanted]),
+        *frequency_errors(structure, training.rows[wanted]),
+        load_mass_std(structure),
         0.0 if modulus_estimated(structure.config) else tolerances.model,
         tolerances.treat == "estimate",
         tolerances.discrepancy,
     )
-
-
-def _frequency(structure: Structure, rows: np.ndarray) -> np.ndarray:
-    """σ (k, n) of ln ω of n modes: one common error, and one for every mode that channels with these rows (m, n) measure.
-    Inertia of mode j adds −q̈ⱼ/λⱼ to its static response."""
-    model, std = structure.reduced.model, structure.tolerances.frequency
-    n = model.size
-    if std == 0 or structure.config.train.model == "static":
-        return np.zeros((0, n))
-    lam, _ = modal_basis(model, model.reference)
-    square = (rows * np.sqrt(np.mean(structure.training.acceleration**2, axis=0)) / lam) ** 2
-    whole = square.sum(axis=1, keepdims=True)
-    share = np.divide(square, whole, out=np.zeros_like(square), where=whole > 0).mean(axis=0)
-    order = np.argsort(-share, kind="stable")[:MOST]
-    before = np.cumsum(share[order]) - share[order]
-    each = np.sort(order[before < SHARE * share.sum()])
-    return std * np.concatenate([np.ones((1, n)), BY_MODE * np.eye(n)[each]])
 
 
 def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
@@ -294,6 +277,8 @@ def build_considered(
         behind,
         B,
         frequency=tolerated.frequency,
+        masses=tolerated.masses,
+        inertia=inertia_rows(tolerated.load_mass, model),
     )
 
 

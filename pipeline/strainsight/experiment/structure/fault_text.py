@@ -60,7 +60,7 @@ class FaultInWords:
         if fault.kind == "mass":
             name = rom.inputs[fault.channel]
             what = f"a mass of {fault.amount:.2g} kg at the load {name} is missing in the model"
-            return what, "add the masses of sensors and fixtures to the mesh file"
+            return what, "add the masses of sensors and fixtures to mesh.point_masses"
         if fault.kind == "damping":
             what = f"the damping ratios are about {fault.amount:.2g} times those of the model"
             return what, "correct `damping`, or increase tolerances.damping"
@@ -190,7 +190,10 @@ def _delay_in_words(entry: Channel, n: int, seconds: float) -> str:
     return f"{{samples: {n + (0 if entry.delay is None else entry.delay.samples)}}}"
 
 
-CHECK_MODE = "check masses, supports and joints, or measure the frequency and correct the model"
+CHECK_MODE = (
+    "check masses (mesh.point_masses), joints, and whether a support is elastic (`stiffness` in mesh.supports); or measure the "
+    "frequency and correct the model"
+)
 
 
 def shift_in_words(mode: int, modelled: float, factor: float) -> str:
@@ -203,7 +206,8 @@ def pattern_in_words(pattern: ResidualPattern, labels: Sequence[str]) -> str:
     order = np.argsort(-pattern.share, kind="stable")
     most = [f"{labels[j]} ({pattern.share[j]:.0%})" for j in order if pattern.share[j] >= LEAST_SHARE]
     return (
-        f"an unmodelled load or other disturbance acts on {', '.join(most)}. In a combination of these channels the innovations "
-        f"are {pattern.size:.3g} times as large as predicted and change slowly (correlation {pattern.correlation:.2f}). "
-        "Add the missing load to `loads`, or check temperature, cables and supports"
+        f"an unmodelled load, inertia force or other disturbance acts on {', '.join(most)}. In a combination of these channels "
+        f"the innovations are {pattern.size:.3g} times as large as predicted, and the correlation of successive innovations is "
+        f"{pattern.correlation:.2f}. Add a missing load to `loads` or a missing mass to mesh.point_masses, or check temperature, "
+        "cables and supports"
     )

@@ -29,9 +29,11 @@ from strainsight.mesh.additions import (
     face_springs,
     node_indices,
     node_springs,
+    nodes_at,
     with_anisotropic,
     with_averaging_element,
     with_face,
+    with_mass,
     with_material,
     with_node,
     with_rigid_element,
@@ -301,15 +303,15 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
                 mesh = with_averaging_element(mesh, reference, nodes, components, f"{key}.ties.{i}")
     for i, support in enumerate(config.supports):
         with blame(f"{key}.supports.{i}"):
-            if support.node is not None:
-                nodes = np.array([mesh.node_index(support.node)])
-            else:
-                nodes = node_indices(mesh, str(support.set))  # node or set is required by the config
+            nodes = nodes_at(mesh, support.node, support.set)
             if support.stiffness is None:
                 mesh = with_support(mesh, nodes, _components(support.components))
             else:
                 springs = _springs(mesh, f"{key}.supports.{i}", support, nodes)
                 mesh = replace(mesh, springs=(*mesh.springs, springs))
+    for name, added in config.point_masses.items():
+        with blame(f"{key}.point_masses.{name}"):
+            mesh = with_mass(mesh, nodes_at(mesh, added.node, added.set), added.mass)
     return without_held(mesh)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,10 +12,12 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import Tolerances, tolerances_of
+from strainsight.errors import DeckError
 from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
 from strainsight.experiment.structure.training import TrainingRun, runs_of
 from strainsight.experiment.system import installation_std
 from strainsight.fem.affine import Parameter
+from strainsight.fem.mass import mass_properties
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import Thickness
@@ -49,6 +52,13 @@ class Structure:
     def installation(self) -> InstallationStd:
         """σ of gauge installation."""
         return installation_std(self.tolerances)
+
+    @cached_property
+    def mass(self) -> float:
+        """Mass of the mesh [kg]; 0 if densities are missing."""
+        with suppress(DeckError):
+            return mass_properties(self.mesh)[0]
+        return 0.0
 
     @cached_property
     def runs(self) -> tuple[TrainingRun, ...]:

@@ -21,6 +21,7 @@ from strainsight.experiment.structure.reduction import full_model, solver_of
 from strainsight.experiment.structure.references import load_shapes, parameters_of, point_loads
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.structure import Structure
+from strainsight.experiment.structure.tolerated_masses import BY_MODE, mass_errors
 from strainsight.experiment.system import Resources, installation_std
 from strainsight.fem.affine import Parameter, at_their_references, of_stiffness
 from strainsight.fem.loads import PointLoad, misaligned_shape, misalignment_shapes
@@ -36,8 +37,6 @@ from strainsight.sensors.strain_operator import channel_matrix, channel_rows
 
 INSTALLATION, MODEL, LOADS = 1, 2, 3
 """Streams of random numbers of gauges, model and loads, independent of the noise."""
-BY_MODE = 0.5
-"""σ of the frequency error of a single mode, relative to that common to all modes."""
 
 
 @dataclass(frozen=True)
@@ -91,11 +90,14 @@ def misaligned_loads(config: PlacementConfig) -> bool:
     return tolerances.load_angle > 0 or tolerances.load_position > 0
 
 
-def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> ReducedModel:
-    """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, and stiffness K exp(s σ).
+def model_of(
+    config: PlacementConfig, model: ReducedModel, realisation: int, masses: Sequence[np.ndarray] = ()
+) -> ReducedModel:
+    """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, masses (`mass_errors`)
+    M + Σ sᵢ m mᵀ, and stiffness K exp(s σ).
 
-    s, sᵢ: standard normal, sᵢ per mode. `damping_factor` of `validate.truth` replaces sampled damping. The stiffness is unchanged
-    if a modulus is estimated."""
+    s, sᵢ: standard normal, sᵢ per mode or mass. `damping_factor` of `validate.truth` replaces sampled damping. The stiffness is
+    unchanged if a modulus is estimated."""
     tolerances, damping_factor = tolerances_of(config.tolerances), config.validation.truth.damping_factor
     rng = np.random.default_rng([config.seed, realisation, MODEL])
     scale = np.exp(tolerances.model * rng.standard_normal())
@@ -110,6 +112,9 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
         same = first_of_equal(modal_basis(model, model.reference)[0])
         f = np.exp(tolerances.frequency * (common + BY_MODE * by_mode[same]))
         model = replace(model, mass=model.mass.of_all(lambda X: X / np.outer(f, f)))
+    if masses:
+        added = sum(rng.standard_normal() * (m @ m.T) for m in masses)
+        model = replace(model, mass=replace(model.mass, constant=model.mass.constant + added))
     if tolerances.model > 0 and not modulus_estimated(config):
         model = replace(model, stiffness=model.stiffness.of_all(lambda X: scale * X))
     return model
@@ -123,6 +128,7 @@ def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
     )
     sources = (
         ("frequency", 100, "natural frequencies {:g} %", True),
+        ("load_mass", 100, "mass at each force {:g} % of the structure", True),
         ("model", 100, "stiffness {:g} %", not modulus_estimated(config)),
         ("position", 1e3, "gauge position {:g} mm per axis", moved and settings.gauge_offset is None),
         ("angle", 1, "gauge angle {:g}°", moved and settings.gauge_rotation is None),
@@ -258,12 +264,17 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
         rows, limited = installed(np.arange(pool.gauges), None)
         return replace(_modal(theta, words, limited, model, rows, pool), field=partial(nodal, built.model, basis))
     words += in_words(config, by_rows=training.strain_operator is not None)
+    masses: tuple[np.ndarray, ...] = ()
+    if structure.tolerances.load_mass > 0 or config.mesh.point_masses:
+        turned = misalignment_shapes(built.model, list(loads.values()))[..., :2]
+        along = np.einsum("ia,iuk->auk", basis, turned)
+        masses = mass_errors(structure, model, along, nodal(built.model, basis))
 
     def sample(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
         installation = installation_of(config, pool, realisation).take(pool, gauges)
         with blame("tolerances"):
             rows, limited = installed(gauges, installation)
-        sampled, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
+        sampled, part = model_of(config, model, realisation, masses), pool.take(pool.channels(gauges))
         if misaligned_loads(config) or (_some_known(config) and structure.tolerances.load_gain > 0):
             sampled = sampled.acted_on(basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
         truth = _modal(theta, words, limited, sampled, rows, part, installation)
