@@ -95,7 +95,7 @@ class MaterialSection(RegionProperty):
                 "set youngs_modulus: [E1, E2, E3], poisson_ratio: [ν12, ν13, ν23] and shear_modulus: [G12, G13, G23]; or set "
                 "one youngs_modulus and one poisson_ratio without shear_modulus"
             )
-            yield Problem("", f"orthotropic values in {anisotropic}, but not in {lacking}", remedy, at_key=True)
+            yield Problem("", f"three orthotropic values in {anisotropic}, but not in {lacking}", remedy, at_key=True)
         elif self.axes is not None and not all(three.values()):
             yield Problem("axes", "an isotropic material does not need axes", "remove `axes`", at_key=True)
 

@@ -68,7 +68,7 @@ class UnknownInput(InputNoise):
     guess: Annotated[float | None, DRIVEN] = expert(
         None,
         description="Initial estimate of the load [N or N m]. Null: the first value of the signal under `forces`; with "
-        "`estimate.measured`, the load at which the static readings of the bench fit the first sample best.",
+        "`estimate.measured`, the load whose static readings of the bench fit the first sample best.",
     )
     std: Annotated[Positive, DRIVEN] = Field(
         description="Standard deviation of the initial estimate of the load [N or N m]."
