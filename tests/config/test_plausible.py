@@ -96,17 +96,17 @@ def test_shipped_configs_have_no_warnings(path):
 
 E_IN_GPA = "{property: youngs_modulus, region: 1, guess: 190.0, range: [160.0, 240.0]}"
 ODD = [  # (config, key, value, what the warning says)
-    (PLACEMENT, "damping.ratio", "0.5", "if 0.5 is in per cent, write 0.005"),
-    (PLACEMENT, "tolerances.position", "2.0", "if 2 is in mm, write 0.002"),
+    (PLACEMENT, "damping.ratio", "0.5", "if 0.5 is a value in per cent, write 0.005"),
+    (PLACEMENT, "tolerances.position", "2.0", "if 2 is a value in mm, write 0.002"),
     (PLACEMENT, "gauges.direction.angles", "[900]", "900 deg is outside the plausible range of up to 360 deg"),
-    (PLACEMENT, "gauges.range", "1500", "if 1500 is in µm/m, write 0.0015"),
-    (PLACEMENT, "loads.tip.signal.phase", "90", "if 90 is in degrees, write 1.571"),
-    (PLACEMENT, "mesh.merge", "1", "if 1 is in mm, write 0.001"),
-    (BEARING, "bearings.one.contact_angle", "0.785", "if 0.785 is in rad, write 44.98"),
+    (PLACEMENT, "gauges.range", "1500", "if 1500 is a value in µm/m, write 0.0015"),
+    (PLACEMENT, "loads.tip.signal.phase", "90", "if 90 is a value in degrees, write 1.571"),
+    (PLACEMENT, "mesh.merge", "1", "if 1 is a value in mm, write 0.001"),
+    (BEARING, "bearings.one.contact_angle", "0.785", "if 0.785 is a value in rad, write 44.98"),
     (BEARING, "bearings.one", "{balls: 147, ball_diameter: 60, pitch_diameter: 3000, contact_angle: 45, radius_inner_left: 31.8, "
-     "radius_inner_right: 31.8, radius_outer_left: 31.8, radius_outer_right: 31.8}", "if 60 is in mm, write 0.06"),
+     "radius_inner_right: 31.8, radius_outer_left: 31.8, radius_outer_right: 31.8}", "if 60 is a value in mm, write 0.06"),
     (BEARING, "cases.pull.force", "[1e+12, 0, 0]", "up to 1e+09 N"),
-    (BENCH, "bodies.beam.damping.ratio", "0.4", "if 0.4 is in per cent, write 0.004"),
+    (BENCH, "bodies.beam.damping.ratio", "0.4", "if 0.4 is a value in per cent, write 0.004"),
 ]  # fmt: skip
 
 
@@ -134,7 +134,7 @@ def test_parameter_range_follows_property(tmp_path):
     path.write_text(PLACEMENT, encoding="utf-8")
     found = list(implausible(load_config(path, [f"parameters.E={E_IN_GPA}", "validate.truth.parameters.E=210.0"]).model))
     assert [own.key for own in found] == ["parameters.E.guess", "parameters.E.range.0", "parameters.E.range.1"]
-    assert found[0].remedy == "if 190 is in GPa, write 1.9e+11"
+    assert found[0].remedy == "if 190 is a value in GPa, write 1.9e+11"
     factor = "{property: stiffness_factor, region: 1, guess: 1.0, range: [0.8, 1.3]}"
     assert list(implausible(load_config(path, [f"parameters.E={factor}", "validate.truth.parameters.E=1.1"]).model)) == []
 
@@ -188,7 +188,7 @@ def test_type_may_be_named_like_one_of_its_keys(entry, key, what, remedy):
         ("a: 1\nb 2\nc: 3\n", 3, "KEY: VALUE in the line above"),
         ("a: [1, 2\nb: 3\n", 2, "close the bracket"),
         ("a: 'x\nb: 1\n", 3, "close the quotes"),
-        ("a: %b\n", 1, "quote the value"),
+        ("a: %b\n", 1, "put quotes around the value"),
         ('a: "C:\\data"\n', 1, "single quotes"),
     ],
 )

@@ -179,7 +179,7 @@ def test_a_section_that_was_replaced_whole_is_reported(write):
     errors = [error for error in refused(write(text)) if error.what == "missing"]
     assert errors
     for error in errors:
-        assert error.remedy == "`set` replaced the whole section train; set single keys: train.duration: 0.2"
+        assert error.remedy == "`set` replaced the whole section train; set single keys there: train.duration: 0.2"
         assert place(text, "{train") in error.where
 
 

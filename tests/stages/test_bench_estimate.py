@@ -34,7 +34,7 @@ def test_diameter_and_preload_or_a_grid_filter_of_three_are_accepted():
     ("config", "change", "key", "what"),
     [
         (LOADS, "sensors.gauges.gauges=[{position: [0.918, 0.94, -1.372], direction: [0, 0, 1]}]", "estimate.sensors",
-         "the number of channels, 1, is smaller than the number of unknown loads, 3"),
+         "the number of sensor components, 1, is smaller than the number of unknown loads, 3"),
         (LOADS, "estimate.inputs.weight={std: 1.0, increment: 1.0}", "estimate.inputs.weight", "no force or moment"),
         (LOADS, "estimate.sensors.gauges.noise=[1.0e-7, 1.0e-7]", "estimate.sensors.gauges.noise",
          "the list length is 2, but the number of sensor components is 4"),

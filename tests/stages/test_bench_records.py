@@ -98,7 +98,7 @@ ALONG = [CHANNELS["tip"][1] | {"channel": "y"}, None, CHANNELS["tip"][2]]
     [
         ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "length is 1, but the number of sensor components is 2"),
         ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})],
-         "the number of channels, 1, is smaller than the number of unknown loads, 2"),
+         "the number of sensor components, 1, is smaller than the number of unknown loads, 2"),
         ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "of the sensor gauges measures strain"),
         ([measured(), "estimate.duration=0.3", "simulate.duration=0.3"], "the measurement file ends after 0.2 s"),
         ([measured(), "estimate.runs=3"], "with the measurements of a test, only one run is possible"),

@@ -164,7 +164,7 @@ ONE_SMOOTH = "estimate.inputs={side: {std: 100.0, model: matern}, again: {std: 1
         (RIG, "estimate.inputs={side: {std: 100.0, model: matern, increment: 1.0}}",
          ("has no effect with model: matern",)),
         (FELT, "estimate.disturbance=1.0e-3",
-         ("white noise, which accelerometer 'felt' cannot measure at an instant",
+         ("cannot be combined with accelerometer 'felt': readings of the white-noise acceleration",
           "and increase estimate.sensors.felt.noise to √(noise² + e²), "
           "where e [m/s²] is the standard deviation of the acceleration error of the bench model")),
         (FELT, "estimate.sensors={hinge: {noise: 1.0}}", ("the sensor is for the simulation only",)),

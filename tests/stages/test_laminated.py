@@ -135,7 +135,7 @@ def test_axes_of_a_config_are_those_of_the_tensor(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
-        ("[0.3, 0.3, 0.3]", "0.3", "orthotropic values in youngs_modulus and shear_modulus, but not in poisson_ratio"),
+        ("[0.3, 0.3, 0.3]", "0.3", "three orthotropic values in youngs_modulus and shear_modulus, but not in poisson_ratio"),
         ("[0.3, 0.3, 0.3]", "[0.3, 0.3, 1.2]", r"-0\.335.* NU12 0\.3, NU13 0\.3, NU23 1\.2"),
         ("x: [1, 2, 0]", "x: [0, 2, 6]", "is parallel to the x axis"),
         ("[2.1e+11, 2.1e+11, 2.1e+11], poisson_ratio: [0.3, 0.3, 0.3], shear", "2.1e+11, poisson_ratio: 0.3, x", "x_modulus"),

@@ -253,7 +253,7 @@ def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterat
     if value != 0 and not limits.low <= size <= limits.high:
         others = UNITS.get(limits.unit, {}).items()
         meant = (
-            f"if {value:g} is in {other}, write {value * factor:.4g}"
+            f"if {value:g} is a value in {other}, write {value * factor:.4g}"
             for other, factor in others
             if limits.low <= size * factor <= limits.high
         )
@@ -295,7 +295,7 @@ ParameterValue = Annotated[Positive, PARAMETER]
 
 
 class Section(BaseModel):
-    """Common rules of all sections of a config: unknown keys, values of another type and NaN are errors."""
+    """Common rules of all sections of a config: unknown keys, values of a wrong type and NaN are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 

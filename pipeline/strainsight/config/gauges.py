@@ -456,8 +456,8 @@ class Gauges(GaugeSites, Noisy):
         None,
         description="Smallest straight-line distance of a gauge centre from sharp edges, supported or tied nodes, loaded nodes "
         "and the faces in `exclude` [m], or 'none'. Null: half the diagonal of the carrier of `type`. Without `type`: half "
-        "the diagonal of a carrier assumed for grid_length (4.6 mm for grid_length 0). This default is halved up to "
-        "twice, then set to 0, on a part with space for fewer than 50 separate candidate locations.",
+        "the diagonal of a carrier assumed for grid_length (4.6 mm for grid_length 0). If fewer "
+        "than 50 separate candidate locations fit on the part, this default is halved once or twice, and finally set to 0.",
     )
     strain_operator: GaugeRows | None = Field(
         None,

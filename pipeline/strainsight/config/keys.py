@@ -163,9 +163,11 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
         # a list that only counts as too short because its entries were refused, each with a separate problem
         if entry["type"] != "too_short" or len(entry["input"]) < entry["ctx"]["min_length"]
     ]
+    # the last missing entry of a list of fixed length is its last entry
+    lengths = {entry["loc"][:-1]: entry["loc"][-1] for _, entry in located if entry["type"] == "missing"}
     # The members of a union complain one after the other about the same value.
     problems = [
-        _problem(path, [entry for _, entry in group], model, data)
+        _problem(path, [entry for _, entry in group], model, data, lengths)
         for path, group in groupby(located, key=lambda pair: pair[0])
     ]
     # A misspelt key is one problem, not an unknown key and a missing one.
@@ -178,7 +180,9 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
     return [problem for problem in problems if problem.what != MISSING or problem.key not in misspelt]
 
 
-def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], data: Any) -> Problem:
+def _problem(
+    path: tuple[str, ...], entries: list[Any], model: type[BaseModel], data: Any, lengths: Mapping[Any, Any]
+) -> Problem:
     key, first = ".".join(path), entries[0]
     match first["type"]:
         case "extra_forbidden" if path[-1].isdigit() and first["input"] is None and len(path) > 1:
@@ -195,7 +199,7 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
             above = ".".join(path[:-1]) if path and path[-1].isdigit() else key
             return Problem(
                 above,
-                f"the list is too short: its length is {len(first['input'])}",
+                f"the list length is {len(first['input'])}, but has to be {lengths[first['loc'][:-1]] + 1}",
                 _description(model, tuple(above.split(".")), data),
             )
         case "missing":

@@ -105,12 +105,13 @@ class TypicalMotion(Section):
     frequency: Frequency | None = Field(
         None,
         description="Typical frequency of the load [Hz], used for the process noise. For `model: matern`: bandwidth of "
-        "the load. Null: frequency of the signal; in a load case, loads.NAME.process_noise.frequency if set.",
+        "the load. In a load case, null: loads.NAME.process_noise.frequency, if set. Otherwise, null: frequency of the signal.",
     )
     amplitude: Amplitude | None = expert(
         None,
         description="Typical amplitude of the load [unit of the load]. The relative σ of the load and `initial_std` are "
-        "relative to this amplitude. Null: amplitude of the signal; in a load case, loads.NAME.process_noise.amplitude if set.",
+        "relative to this amplitude. In a load case, null: loads.NAME.process_noise.amplitude, if "
+        "set. Otherwise, null: amplitude of the signal.",
     )
 
 
@@ -146,8 +147,8 @@ class Rotation(Section):
 
 
 class LoadSection(Section):
-    """A force at a node or distributed over a set or face, a moment, a pressure on a face, an acceleration of all mass, or a
-    rotation."""
+    """A force at a node or distributed over a set or face, a moment, a pressure on a face, or a uniform
+    acceleration or rotation of the whole structure."""
 
     node: Id | None = Field(
         None,
@@ -190,15 +191,15 @@ class LoadSection(Section):
     )
     gravity: DirectionVector | None = Field(
         None,
-        description="Direction of an acceleration of all mass [-], for gravity, or for base excitation with opposite sign. "
-        "`gravity` replaces `node`, `set`, `deck_load` and `direction`. The unit of the load is m/s². The forces are "
-        "proportional to the density, also to an estimated density.",
+        description="Direction of a uniform acceleration of the whole structure [-]: gravity, or base excitation with "
+        "opposite sign. `gravity` replaces `node`, `set`, `deck_load` and `direction`. The unit of the load is m/s². "
+        "The forces are proportional to the density, also to an estimated density.",
     )
     rotation: Rotation | None = Field(
         None,
-        description="Centrifugal forces of a rotation on all mass. `rotation` replaces `node`, `set`, `deck_load` and "
-        "`direction`. The load is the square of the angular velocity, Ω² [rad²/s²]. The forces are proportional to "
-        "the density, also to an estimated density.",
+        description="Rotation of the whole structure; the load is the centrifugal forces. `rotation` replaces `node`, "
+        "`set`, `deck_load` and `direction`. The signal is the square of the angular velocity, Ω² [rad²/s²]. The forces are "
+        "proportional to the density, also to an estimated density.",
     )
     known: bool = Field(
         description="`true`: the load is measured by a load cell. `false`: the load is an unknown, which the "
@@ -348,7 +349,7 @@ def load_case_problems(
             yield Problem(
                 f"{key}.loads",
                 f"the unknown load{'s' * (len(over) > 1)} {listed} {'does' if len(over) == 1 else 'do'} not act in this load "
-                "case, and nothing else is estimated",
+                "case, so its criterion contains no unknown",
                 f"add a signal to {' or '.join(over)}, or remove the load case",
             )
     for unknown in estimate:
@@ -360,5 +361,5 @@ def load_case_problems(
 def _untypical(key: str, signal: LoadSignal, frequency: float | None) -> Iterator[Problem]:
     """Yield a problem if an unknown load has no typical frequency."""
     if isinstance(signal, RecordedSection) and frequency is None:
-        what = "an unknown load with a recorded signal needs a typical frequency"
+        what = "an unknown load with a signal of type csv needs a typical frequency"
         yield Problem(key, what, f"set {key} [Hz]", at_key=True)

@@ -95,7 +95,7 @@ class MaterialSection(RegionProperty):
                 "set youngs_modulus: [E1, E2, E3], poisson_ratio: [ν12, ν13, ν23] and shear_modulus: [G12, G13, G23]; or set "
                 "one youngs_modulus and one poisson_ratio without shear_modulus"
             )
-            yield Problem("", f"orthotropic values in {anisotropic}, but not in {lacking}", remedy, at_key=True)
+            yield Problem("", f"three orthotropic values in {anisotropic}, but not in {lacking}", remedy, at_key=True)
         elif self.axes is not None and not all(three.values()):
             yield Problem("axes", "an isotropic material does not need axes", "remove `axes`", at_key=True)
 
@@ -165,8 +165,8 @@ class ElementSection(RegionProperty):
                 what = f"∫yz dA of {yz:g} m⁴ is too large for ∫y² dA = {yy:g} m⁴ and ∫z² dA = {zz:g} m⁴"
                 yield Problem("second_moments", what, "set a value of |∫yz dA| below √(∫y² dA · ∫z² dA)")
             for name, remedy in (
-                ("torsion", "set the torsion constant J [m⁴]"),
-                ("direction", "set a vector such as [0, 0, 1]"),
+                ("torsion", "set `torsion` to the torsion constant J [m⁴]"),
+                ("direction", "set `direction` to a vector in the x-y plane of the beams, such as [0, 0, 1]"),
             ):
                 if name not in of_beams:
                     yield Problem(name, "missing, but required for beams with second_moments", remedy, at_key=True)
@@ -223,7 +223,8 @@ class PointMassSection(Section):
 
 
 class Face(Section):
-    """A named part of the surface: the facets that `near`, `normal`, `box` and `radius`, as far as set, all select."""
+    """A named part of the surface: each of `near`, `normal`, `box` and `radius` selects facets. The face consists of
+    the facets that all set keys select."""
 
     near: Point | Annotated[tuple[Point, ...], Field(min_length=1)] | None = Field(
         None,

@@ -284,8 +284,8 @@ class PlaceSection(LayoutSettings):
     installation: Literal["avoid", "ignore"] = Field(
         "avoid",
         description="Treatment of installation errors from `tolerances`. With `avoid`: two layouts are computed, one for exact "
-        "gauges and one with the errors as additional noise; the layout with the smaller expected σ is used. With `ignore`: "
-        "the layout for exact gauges is used, as in the thesis of Cottone (2022).",
+        "gauges and one with the errors as additional noise; the layout with the smaller expected σ of the unknowns is "
+        "used. With `ignore`: the layout for exact gauges is used, as in the thesis of Cottone (2022).",
     )
     symmetry: Symmetry | None = expert(
         None, description="Symmetry plane for gauges in mirrored pairs; candidates without a mirror image are removed."
@@ -340,8 +340,8 @@ class Filter(Section):
         1,
         ge=1,
         le=50,
-        description="Largest number of iterations of the measurement update of the extended filter [-]; 1: no iteration (Kalman "
-        "filter). Iterations affect accelerometers only.",
+        description="Largest number of iterations of the measurement update of the extended filter [-]; 1: no iteration "
+        "(standard extended Kalman filter). Iterations change only the updates with readings of accelerometers.",
     )
 
 

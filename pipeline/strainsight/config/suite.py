@@ -74,7 +74,7 @@ class WithReason(Section):
 class Noted(Section):
     """A run or study with a note."""
 
-    note: str = Field("", description="Note on this entry, printed on the page of the suite.")
+    note: str = Field("", description="Note on this run or study, printed on the page of the suite.")
 
 
 class ClaimSection(Measure, WithReason):
@@ -150,7 +150,7 @@ def study_problems(studies: Sequence[StudySection], named: Sequence[str]) -> Ite
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 """A dotted key, as in --set place.keep=6."""
 OWN = {
-    "name": "set `name` in the entry of the run, next to `config`",
+    "name": "set `name` in each entry of `runs`, next to `config`",
     "kind": "remove `kind`; the config of each run defines its kind",
 }
 

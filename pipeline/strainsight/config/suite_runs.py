@@ -130,7 +130,9 @@ def _explain_replaced(problem: StrainsightError, overrides: Sequence[Override]) 
             and str(problem.key).startswith(f"{override.key}.")
         ):
             keys = ", ".join(f"{key}: {json.dumps(value)}" for key, value in leaves(override.key, override.value))
-            problem.remedy = f"`set` replaced the whole section {override.key}; set single keys: {keys or 'KEY: VALUE'}"
+            problem.remedy = (
+                f"`set` replaced the whole section {override.key}; set single keys there: {keys or 'KEY: VALUE'}"
+            )
 
 
 def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequence[str]) -> PlannedRun:

@@ -102,7 +102,7 @@ MATERIAL = """\
     {name}: {{regions: {regions}, youngs_modulus: {E}, poisson_ratio: {nu}, density: {rho}}}
 """
 CONE = """\
-  exclude:                        # zones without gauges; other zone types: box, cylinder, near_edges, near_set [m]
+  exclude:                        # zones without gauges; other types: box, cylinder, near_edges, near_set (lengths in m)
     - normal_cone: {{axis: {axis}, angle: 10}}           # on facets normal to the axis, the direction is undefined
 """
 TRUTH = "    parameters: {{{name}: {truth}}}      # ← {unit}assumed true value, which the filter has to estimate\n"
@@ -112,11 +112,11 @@ OPEN_TYPE = "  # type: 3/350                 # ← grid [mm] / resistance [Ω]; 
 SPACING = "  # minimum_spacing: 0.011        # [m] between gauges; default: the longer side of the carrier\n"
 OWN_SPACING = "  minimum_spacing: {spacing:<14} # ← [m] between gauges: the length of the carrier\n"
 EXCLUDE = """\
-  # exclude:                      # zones without gauges; other zone types: box, cylinder, near_edges, normal_cone [m]
+  # exclude:                      # zones without gauges; other types: box, cylinder, near_edges, normal_cone (lengths in m)
   #   - NAME                       # a contact face of mesh.faces, or a set; the clearance is added
 """
 ON_SEATS = """\
-  exclude: [                      # zones without gauges; other zone types: box, cylinder, near_edges, normal_cone [m]
+  exclude: [                      # zones without gauges; other types: box, cylinder, near_edges, normal_cone (lengths in m)
 {lines}  ]
 """
 LISTED, FACES = 12, 24
@@ -321,7 +321,7 @@ def _load(suggestion: Suggestion, answers: Answers) -> str:
 
 def _direction(axis: str | None) -> str:
     if axis:
-        return f"  direction: {{type: axis, axis: {axis}, angles: [0]}}   # ← projected onto the facet; angles [deg]"
+        return f"  direction: {{type: axis, axis: {axis}, angles: [0]}}   # ← axis is projected onto the facet; angles [deg]"
     return "  direction: {type: principal, angles: [0]}   # ← principal strain; or {type: axis, axis: [1, 0, 0], angles: [0]}"
 
 

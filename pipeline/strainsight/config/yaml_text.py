@@ -18,11 +18,11 @@ PREFIX = "tag:yaml.org,2002:"
 INTEGER = re.compile(r"[-+]?[0-9]+$")
 REMEDIES = (
     (r"'\\t' that cannot start", "use spaces, not tabs, for indentation and separation"),
-    ("token$|undefined", "quote the value"),
+    ("token$|undefined", "put quotes around the value"),
     ("expected <block end>, but found '(<block|\\?|-)", "use the same indentation as the neighbouring lines above"),
     (
         "mapping values",
-        "use the same indentation as the neighbouring lines above; quote a value that contains ': '",
+        "use the same indentation as the neighbouring lines above; put quotes around a value that contains ': '",
     ),
     ("find expected ':'", "write KEY: VALUE in the line above, with a space after the colon"),
     (r"expected ',' or '[\]}]'", "close the bracket that was opened above, or separate its entries with commas"),
@@ -132,7 +132,7 @@ def _text(node: Any, path: str) -> str:
         return str(node.value).encode("utf-16", "surrogatepass").decode("utf-16")
     except UnicodeDecodeError:
         raise YamlProblem(
-            "the text contains half of a surrogate pair",
+            "the text contains an incomplete Unicode escape (half of a surrogate pair)",
             *_at(node),
             path,
             "write the character itself instead of its escape (\\u…)",

@@ -36,7 +36,7 @@ Layout = Literal["place", "random"]
 
 
 class CandidateSensor(Priced):
-    """A candidate sensor of the bench; each of its three components is one candidate."""
+    """A displacement sensor or accelerometer for the placement; each of its three components is one candidate."""
 
     noise: Annotated[Positive | tuple[Positive, Positive, Positive], NOISE] = expert(
         description="Noise standard deviation of one sample of the sensor [m or m/s²]: one value for all three components, or "

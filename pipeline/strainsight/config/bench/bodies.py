@@ -167,8 +167,8 @@ class FlexibleBodySection(Moving, Damped):
     )
     cutoff: Frequency | None = expert(
         None,
-        description="Natural frequencies of the body up to this value [Hz] are accurate to 0.5 %; the number of modes is "
-        "computed accordingly. Do not set `modes` as well.",
+        description="The reduced body reproduces natural frequencies of the mesh up to this value [Hz] to 0.5 %; the "
+        "number of modes is computed accordingly. Do not set `modes` as well.",
     )
     moduli: dict[Name, Modulus] = Field(
         {}, description="Young's moduli that can be estimated as parameters, by parameter name."

@@ -134,7 +134,9 @@ def disturbed(
 ) -> Iterator[Problem]:
     """Yield a problem for an accelerometer together with a white acceleration."""
     if isinstance(sensor, AccelerationSensor) and estimate is not None and estimate.disturbance > 0:
-        what = f"the random acceleration of the bodies is white noise, which accelerometer '{name}' cannot measure at an instant"
+        what = (
+            f"cannot be combined with accelerometer '{name}': readings of the white-noise acceleration are not defined"
+        )
         yield Problem("estimate.disturbance", what, remedy)
 
 
@@ -163,9 +165,7 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
                 yield Problem(f"{key}.{field}", what, f"use one value for all components, or a list of {count}")
         counts.append(_used_components(config, estimate, name))
     if None not in counts and (channels := sum(filter(None, counts))) < len(estimate.inputs):
-        what = (
-            f"the number of channels, {channels}, is smaller than the number of unknown loads, {len(estimate.inputs)}"
-        )
+        what = f"the number of sensor components, {channels}, is smaller than the number of unknown loads, {len(estimate.inputs)}"
         yield Problem("estimate.sensors", what, "add sensors to estimate.sensors, or remove loads from estimate.inputs")
 
 
@@ -197,7 +197,7 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
             what = "a load in estimate.inputs has the same name as the parameter"
             yield Problem(key, what, "rename the parameter; rename a modulus also in bodies.*.moduli", at_key=True)
         if entry.starts and estimate.truth.model == "sampled":
-            what = "not supported with truth.model: sampled: the true value is sampled from a distribution about guess"
+            what = "not supported with truth.model: sampled: the true value is sampled, with mean `guess`"
             yield Problem(f"{key}.starts", what, "remove the key, or set another estimate.truth.model")
         if (bearing is None) != (entry.property is None):
             continue

@@ -80,8 +80,8 @@ class Axial(Between):
 
     axis: Axis = Field(
         "x",
-        description="Axis of the first frame that is the axis of the joint or force. If the axis is common to both frames, "
-        "it is the axis with this name in each frame.",
+        description="Axis of the first frame that is the axis of the joint or force. For a joint or force with an axis "
+        "common to both frames: also the axis of the second frame with the same name.",
     )
 
 

@@ -68,7 +68,7 @@ class UnknownInput(InputNoise):
     guess: Annotated[float | None, DRIVEN] = expert(
         None,
         description="Initial estimate of the load [N or N m]. Null: the first value of the signal under `forces`; with "
-        "`estimate.measured`, the load at which the static readings of the bench fit the first sample best.",
+        "`estimate.measured`, the load whose static readings of the bench fit the first sample best.",
     )
     std: Annotated[Positive, DRIVEN] = Field(
         description="Standard deviation of the initial estimate of the load [N or N m]."
@@ -86,7 +86,7 @@ class UnknownInput(InputNoise):
 
 class EstimatedParameter(Section):
     """A parameter that the filter estimates, or that differs between filter and simulated test. It is either a
-    Young's modulus with its name in `bodies.*.moduli`, or a property of a bearing under any name."""
+    Young's modulus, named as in `bodies.*.moduli`, or a property of a bearing, with a name of your choice."""
 
     bearing: BearingName | None = Field(
         None,
@@ -139,7 +139,7 @@ class EstimatedParameter(Section):
 
 
 class BenchTruth(Section):
-    """Simulation of the measurements, with the parameter values of the config."""
+    """Simulation of the measurements, with the values under `bodies` and `bearings` as true parameters."""
 
     model: Literal["fine", "independent", "filter_step", "sampled"] = Field(
         "fine",
