@@ -36,7 +36,7 @@ def test_unsupported_cards_are_refused_or_ignored(tmp_path):
     assert f"2 × CQUAD (first at {tmp_path}/deck.bdf:9), 1 × PLOAD1 (first at {tmp_path}/deck.bdf:12)" in error.what
     assert error.where == f"{tmp_path}/deck.bdf:9"
     assert error.key == "mesh.file"
-    assert error.remedy.startswith("Mesh CQUAD with elements of eight or four nodes. If their effect is negligible")
+    assert error.remedy.startswith("Replace CQUAD by shells of eight or four nodes. If their effect is negligible")
     assert error.remedy.endswith("mesh.ignore: [CQUAD, PLOAD1]")
     assert "PLOAD1" not in refused(tmp_path, TETRAHEDRON + SHELLS, ignore=["PLOAD1"]).what
     mesh = imported(tmp_path, TETRAHEDRON + SHELLS, ["cquad", "PLOAD1", "CBAR"])

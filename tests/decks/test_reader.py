@@ -267,7 +267,7 @@ def test_windows_paths_are_read(project, tmp_path):
     for name, noted in (("Sub\\Part.txt", False), (".\\Sub\\Part.txt", False), ("SUB/part.TXT", True), ("sub\\PART.txt", True)):
         mesh = read(name)
         assert [Path(own).resolve() for own in mesh.included] == [part.resolve()]
-        assert any("differs in upper and lower case" in note for note in mesh.notes) == noted
+        assert any("differ in upper and lower case" in note for note in mesh.notes) == noted
     odd = tmp_path / "config" / "decks" / "Sub\\Part.txt"  # a file whose name has a backslash is that file
     odd.write_text(part.read_text())
     assert [Path(own).resolve() for own in read("Sub\\Part.txt").included] == [odd.resolve()]

@@ -173,8 +173,8 @@ MISSING_END = "MISSING ENDDATA"
 PRELOAD = "PRELOAD"
 """Name in a config of the preload of a modal analysis; cards are "PRELOAD by STATSUB" and similar."""
 LINEAR = {
-    **dict.fromkeys(("S9R5", "CQUAD"), "elements of eight or four nodes"),
-    **dict.fromkeys(("T3D3", "CBEAM3"), "elements of two nodes"),
+    **dict.fromkeys(("S9R5", "CQUAD"), "shells of eight or four nodes"),
+    **dict.fromkeys(("T3D3", "CBEAM3"), "trusses or beams of two nodes"),
 }
 """Shells of nine nodes and quadratic trusses, in the spelling of `short` → number of nodes of a supported element."""
 _UNUSED = re.compile(r"\sthat no | not selected$")

@@ -159,7 +159,7 @@ class Includes:
         if not files:
             files = [target for base in bases for target in _but_for_capitals(base, name.replace("\\", "/"))]
             self.notes += (
-                [f"{word} {name!r} ({line.where}): read from {files[0]}, whose name differs in upper and lower case"]
+                [f"{word} {name!r} ({line.where}): read from {files[0]}; the two names differ in upper and lower case"]
                 if files
                 else []
             )
@@ -170,7 +170,7 @@ class Includes:
         target, resolved = inside[0], inside[0].resolve()
         near = [base / name for base in bases[:2]]
         if others := [other for other in inside if other in near and other.resolve() != resolved]:
-            what = f"{word} {name!r} ({line.where}): read from {target}, but {others[0]} has the same name"
+            what = f"{word} {name!r} ({line.where}): read from {target}, but {others[0]} also fits this name"
             self.notes.append(Doubt(f"{what}; if {target} is the wrong file, rename one of the two files"))
         if resolved in parents:
             raise line.error(

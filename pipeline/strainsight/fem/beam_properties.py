@@ -75,7 +75,8 @@ def check_properties(properties: BeamProperties, ids: np.ndarray) -> None:
     ends = np.concatenate([bending_axes(properties.second)[1], _shares(properties.torsion)[:, None]], axis=1)
     least = ends.min(axis=(1, 2))
     what = (
-        "element {element} has bending or torsional stiffness at one end only (other end: {value:.3g} times the mean)"
+        "element {element} has bending or torsional stiffness at one end only "
+        "(value at the other end: {value:.3g} times the mean of both ends)"
     )
     require(
         least > ONE_END, least, ids, what, "Specify I1, I2 and J of the beam property at both ends, or at neither end."

@@ -130,7 +130,8 @@ def _clamped(mesh: Mesh, rows: MotionRows, dependencies: Equations) -> np.ndarra
             raise DeckError(
                 f"component {component + 1} of node {mesh.node_ids[node]} is clamped, but also dependent in "
                 f"{dependencies.by[row]}",
-                remedy=f"Clamp an independent node of {dependencies.by[row]} instead, or remove the dependent node from it.",
+                remedy=f"Clamp an independent node of {dependencies.by[row]} instead, or remove this node from the dependent "
+                "nodes.",
                 entity=entity_of(dependencies.by[row]),
             )
     return clamped[clamped >= 0]

@@ -261,7 +261,7 @@ def check_support(model: FiniteElementModel, at: Mapping[str, float]) -> list[st
     if np.linalg.eigvalsh(inertia)[0] <= 0:
         return [note]
     softest = np.sqrt(eigh(resistance, inertia, eigvals_only=True)[0]) / (2 * np.pi)
-    return [f"{note} (lowest frequency of these motions: {softest:.3g} Hz)"]
+    return [f"{note} (lowest natural frequency of the structure as a rigid body: {softest:.3g} Hz)"]
 
 
 def _rigid_motions(model: FiniteElementModel) -> np.ndarray:

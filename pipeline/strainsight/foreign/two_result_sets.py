@@ -233,8 +233,8 @@ def build_two_set_model(
     if rounding >= FEW_DIGITS:
         notes.append(
             f"the result files have a relative precision of {rounding:.0e}. The effect of {parameter.name} is the difference "
-            f"of both result sets, so the relative error of its standard deviation can reach "
-            "1e-3. Binary files are more precise"
+            f"of both result sets, so the relative error of σ({parameter.name}) can reach 1e-3. "
+            "Binary files are more precise"
         )
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)
@@ -252,8 +252,8 @@ def _change_of_stiffness(
     misfit = float(np.linalg.norm(S) / np.linalg.norm(N))
     if misfit > FORM:
         raise UserError(
-            "the stiffness difference between the two result sets does not fit isotropic materials in "
-            f"{', '.join(str(mesh.regions[r]) for r in parameter.regions)} (misfit {misfit:.0%}, limit {FORM:.0%})",
+            f"{misfit:.0%} of the stiffness difference between the two result sets (limit {FORM:.0%}) does not fit isotropic "
+            f"materials in {', '.join(str(mesh.regions[r]) for r in parameter.regions)}",
             key=KEY,
             remedy="change only this parameter in these regions; for anisotropic materials or other changes, "
             "import the input deck, or use mesh.matrices",

@@ -71,7 +71,7 @@ def balance(
         for element in system.elements:
             element_load(element, rho[element.rows], G[element.rows] @ v, theta, u)
         raise NumericalError(
-            "a force of the bench is not finite at these positions of the bodies",
+            "a force on a body is not finite at the current positions of the bodies",
             remedy="correct the poses of the bodies, or use a smaller time step",
         )
     load, stiffness, mass = t.r2 + t.g[:m].T @ lam, t.K, system.mass

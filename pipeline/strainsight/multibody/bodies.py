@@ -152,10 +152,12 @@ class FlexibleBody:
         if np.shape(self.invariants.first_modal) != (3, n):
             raise InfeasibleError(
                 f"body {self.name}: the inertia invariants belong to {np.shape(self.invariants.first_modal)[1]} modes, but "
-                f"the mass matrix has {n}"
+                f"the mass matrix belongs to {n}"
             )
         if not self.invariants.mass > 0:
-            raise InfeasibleError(f"body {self.name} has a mass of {self.invariants.mass:g} kg, not a positive mass")
+            raise InfeasibleError(
+                f"body {self.name} has a mass of {self.invariants.mass:g} kg", remedy="specify a positive mass"
+            )
         size = np.sqrt(np.maximum(np.diag(self.mass), np.finfo(float).tiny))
         least = float(np.linalg.eigvalsh(self.mass / np.outer(size, size))[0])  # of a microgram as of a tonne
         if not least > 0:

@@ -116,7 +116,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
         worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
         listed = "; ".join(f"residual {phi[i]:.3g} in the position constraint '{system.constraints[i]}'" for i in worst)
         raise InfeasibleError(
-            f"the joints cannot all be satisfied near these positions of the bodies: {listed}",
+            f"the joints cannot all be satisfied near the current positions of the bodies: {listed}",
             remedy="correct the positions of the frames of the joints, or set poses of the bodies closer to the assembled bench",
         )
     check_regular(system, q, u)
@@ -170,7 +170,7 @@ def nearest_state(
         before = size
     project_position(system, q, u)
     raise InfeasibleError(
-        "the joints cannot be satisfied near these positions of the bodies",
+        "the joints cannot be satisfied near the current positions of the bodies",
         remedy="use a smaller time step; in a filter run, set estimate.method.update: iterated",
     )
 
@@ -225,7 +225,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         )
     if unconstrained:
         raise InfeasibleError(
-            f"the constraint '{'; '.join(unconstrained)}' restrains no motion at these positions of the bodies",
+            f"the constraint '{'; '.join(unconstrained)}' restrains no motion at the current positions of the bodies",
             remedy="remove the constraint, or rotate the axes of a frame of the joint",
         )
     B = B / norms[:, None]
@@ -261,7 +261,9 @@ def _dependence(system: System, T: np.ndarray, order: np.ndarray, rank: int) -> 
         others = [names[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > 1e-6][:4]
         dependent.append(f"'{names[k]}' follows from {', '.join(others) or 'rigid-body constraints'}")
     listed = "; ".join(dependent[:6])
-    return f"{len(dependent)} of {len(names)} constraints are redundant at these positions of the bodies ({listed})"
+    return (
+        f"{len(dependent)} of {len(names)} constraints are redundant at the current positions of the bodies ({listed})"
+    )
 
 
 ITERATIONS = 200

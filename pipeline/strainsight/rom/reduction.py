@@ -325,7 +325,8 @@ def _modal_coordinates(
             inverse, Y = eigh(M, K)
             if inverse[0] <= 0:
                 raise InfeasibleError(
-                    f"the static response to a load moves only parts without mass (modal mass/stiffness = {inverse[0]:.1e} s²)",
+                    "the static response to a load moves only parts without mass (smallest ratio of modal mass to modal "
+                    f"stiffness: {inverse[0]:.1e} s², not positive)",
                     remedy="Specify the density of every region.",
                 )
             Y = Y[:, ::-1] / np.sqrt(inverse[::-1])

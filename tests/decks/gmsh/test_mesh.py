@@ -105,7 +105,7 @@ GROUPS = {
     # text, regions of the two solids, sets, names of regions, note
     "an entity in two volumes is in both sets and the lower region": (
         NEW.replace("2 0 0 0 1 1 1 1 9 0", "2 0 0 0 1 1 1 2 9 -3 0"), [9, 3], {"3d-3": [8], "steel part": [6, 8]},
-        {3: "volume 3", 9: "steel part"}, "elements in several physical volumes (1 in total, for example in 3, 9)",
+        {3: "volume 3", 9: "steel part"}, "elements in several physical volumes (1 in total, for example in the volumes 3, 9)",
     ),
     "an element that format 2 repeats for its second group counts once": (
         REPEATED, [3, 9], {"3d-3": [9], "steel part": [6, 9]}, {3: "volume 3", 9: "steel part"}, "element 8 repeats element 9",

@@ -205,7 +205,11 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
             "remove OFFSET1 and OFFSET2, or use SECTION=RECT, BOX, PIPE or CIRC",
         )
     share = [
-        keyword.number(name, 0.0, f"write the distance of the nodes from the beam axis along {n}, in section widths")
+        keyword.number(
+            name,
+            0.0,
+            f"write the distance of the nodes from the beam axis along {n}, divided by the section size along {n}",
+        )
         for name, n in (("OFFSET1", "n1"), ("OFFSET2", "n2"))
     ]
     return np.array(share) * sizes

@@ -269,8 +269,8 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     if several:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
         notes.append(
-            f"elements in several physical volumes ({count} in total, for example in {both}) belong to the region of the volume "
-            "with the lowest tag"
+            f"elements in several physical volumes ({count} in total, for example in the volumes {both}) belong to the "
+            "region of the volume with the lowest tag"
         )
     blocks = []
     for kind in ELEMENTS:

@@ -351,7 +351,9 @@ def _elements_2_binary(source: Binary, count: int) -> list[Chunk]:
         number, follow, tags = (int(n) for n in source.take("int", 3))
         width = 1 + _tags(source, tags) + _nodes_of(source, number)
         if not 1 <= follow <= count - done:
-            raise source.error(f"a block declares {follow} elements, but the section has room for 1 to {count - done}")
+            raise source.error(
+                f"a block declares {follow} elements, but must contain 1 to {count - done} in this section"
+            )
         if follow > 1:
             table = source.take("int", follow * width).reshape(follow, width)
         else:

@@ -73,7 +73,7 @@ def numbers_of(
         if numbers is not None and right and len(np.unique(numbers)) == count:
             return numbers, name
         notes.append(f"the array {name} is not used as {what} ids, because its values are not unique positive integers")
-    notes.append(f"the file contains no {what} ids, so ids from 1 are assigned in the order of the file")
+    notes.append(f"the file contains no valid {what} ids, so ids from 1 are assigned in the order of the file")
     return np.arange(1, count + 1), ""
 
 

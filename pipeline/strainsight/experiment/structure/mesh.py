@@ -185,7 +185,7 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
     if missing:
         names = ", ".join(dict.fromkeys(map(short, missing)))
         listed = [f"{mesh.ignored[card]} × {_named(card)} (first at {mesh.unsupported[card]})" for card in missing]
-        linear = [f"Mesh {name} with {LINEAR[name]}. " for name in map(short, missing) if name in LINEAR]
+        linear = [f"Replace {name} by {LINEAR[name]}. " for name in map(short, missing) if name in LINEAR]
         more = f" and {len(listed) - 6} more kinds" if len(listed) > 6 else ""
         raise DeckError(
             f"unsupported cards that affect the model: {', '.join(listed[:6])}{more}",

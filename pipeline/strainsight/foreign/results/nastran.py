@@ -115,7 +115,7 @@ class Op2File:
             raise damage_error("the file ends inside a data block", at)
         size = self._int32.unpack(length)[0]
         if size < 0 or (most is not None and size > most):
-            raise damage_error(f"a record of {size} bytes is not valid here", at)
+            raise damage_error(f"a record has the invalid length of {size} bytes", at)
         content = []
         left = size
         if not keep:
