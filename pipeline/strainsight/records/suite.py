@@ -112,8 +112,8 @@ class NumberRows:
     value: np.ndarray = dataset(
         "SI",
         "number",
-        "value of the number × `times` of the claim; for a claim with `against`, divided by the same number (or "
-        "`against_number`) of the run `against`",
+        "value of the number, multiplied by `times` of the claim. If the claim has `against`: also divided by the same number "
+        "(or `against_number`) of that run",
     )
 
 
