@@ -108,7 +108,7 @@ class NumberRows:
     claim: np.ndarray = dataset("1", "number", "claim that uses the number, as index in /claim/text")
     run: np.ndarray = dataset("1", "number", "run that gives the number, as index in /run/name")
     name: tuple[str, ...] = dataset("1", "number", "name of the number in the summary of the stage")
-    seed: np.ndarray = dataset("1", "number", "seed number of the run, from 0")
+    seed: np.ndarray = dataset("1", "number", "index of the random seed of the run, from 0")
     value: np.ndarray = dataset(
         "SI",
         "number",
