@@ -55,7 +55,7 @@ def test_a_placement_is_refused(folder, key, value, changes):
 @pytest.mark.parametrize(
     ("modulus", "density", "key", "value"),
     [
-        (1e-3, RHO, "train.duration", "periods of the last mode"),
+        (1e-3, RHO, "train.duration", "periods of the highest mode"),
         (1e30, RHO, "train.time_step", "periods of the first mode"),
         (1e100, 1e93, "loads", "below the limit of 1e-50"),
     ],
@@ -66,14 +66,14 @@ def test_a_material_that_the_run_cannot_show_is_refused(tmp_path, modulus, densi
 
 
 BENCHES = [
-    ("place.noise", "one increment of down changes", {"place.noise": 1e-30}),
-    ("place.noise", "one increment of side", {"estimate.inputs.side.increment": 1e30}),
+    ("place.noise", "a change of down by its `increment`", {"place.noise": 1e-30}),
+    ("place.noise", "a change of side by its `increment`", {"estimate.inputs.side.increment": 1e30}),
     (
         "estimate.sensors.gauges.noise",
         "the noise of 1e-30 and all readings are nearly zero; the smallest accepted noise is 1e-12",
         {"estimate.sensors.gauges.noise": 1e-30},
     ),
-    ("estimate.sensors.gauges.noise", "reading due to one initial σ of an unknown", {"estimate.inputs.side.std": 1e30}),
+    ("estimate.sensors.gauges.noise", "if an unknown changes by its initial σ", {"estimate.inputs.side.std": 1e30}),
     ("estimate.inputs.down", "no sensor measures this unknown", {"estimate.sensors.gauges.noise": 1e6}),
     ("forces.side.signal", "exceeds the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
     ("bodies.beam", "500 modes are requested, but the body has only", {"bodies.beam.modes": 500}),

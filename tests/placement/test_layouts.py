@@ -214,7 +214,7 @@ def test_the_first_family_that_leaves_no_layout_is_named(case):
     asked, key, words = REFUSED[case]
     error = refusal(limits_of(POOL, **asked), Detection([walks(READ)]), NAMES)
     assert words in str(error)
-    assert "search limit" not in str(error)
+    assert "stopped at its limit" not in str(error)
     assert error.key == key
     assert error.remedy
 
@@ -227,5 +227,5 @@ def test_unproven_refusal_states_search_limit(monkeypatch, case):
     monkeypatch.setattr(module, "best_layout", hasty)
     asked, key, _ = REFUSED[case]
     error = refusal(limits_of(POOL, **asked), Detection([walks(READ)]), NAMES)
-    assert "search limit 200 nodes" in str(error)
+    assert "stopped at its limit of 200 nodes" in str(error)
     assert error.key == key

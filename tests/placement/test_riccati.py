@@ -146,7 +146,7 @@ def test_where_the_coordinates_at_hand_fail_balanced_ones_are_taken(monkeypatch,
     monkeypatch.setattr(riccati, "solve_care", at_fault)
     arguments = (other.F, other.Q, information(other.rows[:, 0]))
     if fault == "always far off":
-        with pytest.raises(NumericalError, match=r"a set of gauges is solved with an error of .*; the tolerance is"):
+        with pytest.raises(NumericalError, match=r"a set of gauges is solved with a relative residual of .*; the tolerance is"):
             solve_anew(*arguments)
         return
     P = solve_anew(*arguments)
@@ -286,7 +286,7 @@ def test_undetected_states_are_found_by_test():
 def test_accuracy_that_is_not_reached_is_reported_with_its_size_and_is_no_advice(monkeypatch):
     A, H, N = system(3, 0.3, 1.0)
     monkeypatch.setattr(riccati, "MOST_DOUBLINGS", 3)
-    with pytest.raises(NumericalError, match=r"solved with an error of \d\.\de-\d\d") as refused:
+    with pytest.raises(NumericalError, match=r"solved with a relative error of \d\.\de-\d\d") as refused:
         steady_factor(A, H, N)
     assert refused.value.exit_code == 1
     assert "keep" not in refused.value.remedy

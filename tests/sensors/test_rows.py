@@ -142,7 +142,7 @@ NOWHERE, EVERYWHERE = Box((5, 5, 5), (6, 6, 6)), Box((-1, -1, -1), (2, 2, 2))
     ("arguments", "key", "count"),
     [
         ({"surface": "lonely"}, "gauges.surface", "step: 112 exterior facets, 0 facets on the surface 'lonely'"),
-        ({"include": (NOWHERE, NOWHERE)}, "gauges.include", "excludes the last facets (80)"),
+        ({"include": (NOWHERE, NOWHERE)}, "gauges.include", "removes the last 80 facets"),
         ({"exclude": (NOWHERE, EVERYWHERE)}, "gauges.exclude.1", "80 facets outside exclude.0, 0 facets outside exclude.1"),
         ({"include": (EVERYWHERE,), "exclude": (EVERYWHERE,)}, "gauges.exclude.0", "80 facets in included zones"),
     ],

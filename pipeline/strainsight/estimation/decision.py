@@ -57,7 +57,7 @@ class Claim:
 
     def words(self, shown: Shown, *, limit: bool = True) -> str:
         """As "overconfident (error 6.6 times the claimed σ; at most 3.21 for a calibrated σ)"; limit: whether to print it."""
-        what = {"test": "error", "smoothed": "smoothed error"}.get(self.of, "RMS error of the repeated runs")
+        what = {"test": "error", "smoothed": "smoothed error"}.get(self.of, "RMS error of the repeated filter runs")
         most, limit = self.band[1], limit and self.overconfident
         digits = next((k for k in range(2, 9) if f"{self.ratio:.{k}g}" != f"{most:.{k}g}"), 9) if limit else 2
         bound = f"; at most {shown(most, max(digits, 3))} for a calibrated σ" * limit

@@ -165,7 +165,7 @@ def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> Infea
     fewest = detection.layout(limits, -size, names=families)
     least = None if fewest.gauges is None else int(limits.size[fewest.gauges].sum())
     if least is not None and least > limits.keep:
-        known = "" if fewest.settled else f" (not proven: search limit {NODES} nodes of the integer program)"
+        known = "" if fewest.settled else f" (not proven: the integer program stopped at its limit of {NODES} nodes)"
         return InfeasibleError(
             f"{limits.keep} gauges requested, but the smallest set that makes every unknown observable{_within(families)}"
             f"{known} has {least}",
@@ -196,7 +196,7 @@ def _no_room(limits: Limits, families: Sequence[str], room: int, layout: Found) 
     alone = best_layout(limits, limits.size.astype(float), names=[name, KEEP]) if before else layout
     enough = alone.gauges is not None and int(limits.size[alone.gauges].sum()) >= limits.least
     together = f" together with {' and '.join(before)}" if enough else ""
-    surely = "" if layout.settled else f" (not proven: search limit {NODES} nodes of the integer program)"
+    surely = "" if layout.settled else f" (not proven: the integer program stopped at its limit of {NODES} nodes)"
     return InfeasibleError(
         f"{limits.keep} gauges requested, but {name}{together} allows only {room} of the {limits.size.sum()} candidate gauges"
         f"{surely}",

@@ -215,7 +215,8 @@ def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
         P = P * d[:, None] * d
     if not error <= ACCEPTED:
         raise NumericalError(
-            f"the Riccati equation of a set of gauges is solved with an error of {error:.1e}; the tolerance is {ACCEPTED:.0e}",
+            f"the Riccati equation of a set of gauges is solved with a relative residual of {error:.1e}; the "
+            f"tolerance is {ACCEPTED:.0e}",
             remedy="check whether an unknown is nearly unobservable, and whether noise levels differ by many orders of magnitude",
         )
     return P
@@ -291,7 +292,7 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     P = updated(_triangle(np.hstack([A @ before, N]).T).T, H)
     if not (error := _error(A, H, before, P)) <= ACCEPTED_IN_STEPS:
         solved = (
-            f"solved with an error of {error:.1e}; the tolerance is {ACCEPTED_IN_STEPS:.0e}"
+            f"solved with a relative error of {error:.1e}; the tolerance is {ACCEPTED_IN_STEPS:.0e}"
             if np.isfinite(error)
             else "not finite: the filter is unstable"
         )

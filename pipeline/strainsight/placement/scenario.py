@@ -128,7 +128,8 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
     residual = relative_residual(balanced.F, balanced.Q, information(balanced.rows.reshape(-1, size)), P)
     if not residual <= ACCEPTED:
         raise NumericalError(
-            f"the Riccati equation of all candidates is solved with an error of {residual:.1e}; the tolerance is {ACCEPTED:.0e}",
+            f"the Riccati equation of all candidates is solved with a relative residual of {residual:.1e}; the "
+            f"tolerance is {ACCEPTED:.0e}",
             remedy="check whether an unknown is nearly unobservable, and whether noise levels differ by many orders of magnitude",
         )
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))

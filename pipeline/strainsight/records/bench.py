@@ -114,7 +114,7 @@ class ReducedBody:
 
     clamped: bool = dataset("1", "", "1: body with supports in its mesh (clamped); 0: free body")
     frequency: np.ndarray = dataset("Hz", "mode", "fixed-interface natural frequencies")
-    cut: float = dataset("Hz", "", "lowest natural frequency of the truncated fixed-interface modes")
+    cut: float = dataset("Hz", "", "lowest natural frequency of the omitted fixed-interface modes")
     reach: dict[str, np.ndarray] = dataset(
         "Pa", "2", "range of modulus <name> in which static errors of the reduced body are below 1 %"
     )

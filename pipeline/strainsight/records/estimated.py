@@ -39,7 +39,9 @@ class Damaged:
         "largest damage first",
         default=None,
     )
-    hours: float = dataset("h", "", "time in which the damage accumulates: duration of all test records × repetitions")
+    hours: float = dataset(
+        "h", "", "time in which the damage accumulates: duration of all test records × estimate.damage.repetitions"
+    )
 
 
 @record

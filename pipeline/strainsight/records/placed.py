@@ -103,7 +103,7 @@ class Selection:
     rank: np.ndarray = dataset(
         "1",
         "gauge",
-        "rank of every gauge in the order of `gauge`, from 1; both gauges of a mirrored pair have the same rank",
+        "rank of every gauge: 1 for the first row of `gauge`; both gauges of a mirrored pair have the same rank",
     )
     element: np.ndarray = dataset("1", "gauge", "element id of every gauge in the deck")
     facet: np.ndarray = dataset("1", "gauge", "facet number of every gauge in its element, from 1")
@@ -211,7 +211,7 @@ class Observed:
         "group of unknowns that is checked together: input (loads), E (stiffness parameters), rho (densities), damping, or "
         "several of these joined by +",
     )
-    unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns in every group of `case`")
+    unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns in each group; `case` lists the groups")
     condition: np.ndarray = dataset(
         "1",
         "/excitation × /case",

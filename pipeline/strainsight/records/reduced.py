@@ -175,8 +175,8 @@ class ReadyBasis:
     missed: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "row × input × misalignment",
-        "change of the static displacement under a unit load, per unit misalignment of this load (two rotations, two shifts). "
-        "Without the part in the span of the reduction basis Ψ. Row: degree of freedom of the imported matrices",
+        "part that the reduction basis Ψ cannot represent: change of the static displacement under a unit load, per unit "
+        "misalignment of this load (two rotations, two shifts). Row: degree of freedom of the imported matrices",
     )
     notes: tuple[str, ...] = dataset("1", "note", "assumptions made in reading the matrices")
 
@@ -206,8 +206,8 @@ class Misaligned:
     missed: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "3 nodes × input × misalignment",
-        "change of the static displacement of the nodes under a unit load, per unit misalignment of this load (two rotations, "
-        "two shifts). Without the part in the span of the reduction basis Ψ",
+        "part that the reduction basis Ψ cannot represent: change of the static displacement of the nodes under a unit load, "
+        "per unit misalignment of this load (two rotations, two shifts)",
     )
 
 

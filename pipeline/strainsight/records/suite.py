@@ -108,12 +108,12 @@ class NumberRows:
     claim: np.ndarray = dataset("1", "number", "claim that uses the number, as index in /claim/text")
     run: np.ndarray = dataset("1", "number", "run that gives the number, as index in /run/name")
     name: tuple[str, ...] = dataset("1", "number", "name of the number in the summary of the stage")
-    seed: np.ndarray = dataset("1", "number", "seed number of the run, from 0")
+    seed: np.ndarray = dataset("1", "number", "index of the random seed of the run, from 0")
     value: np.ndarray = dataset(
         "SI",
         "number",
-        "value of the number × `times` of the claim; for a claim with `against`, divided by the same number (or "
-        "`against_number`) of the run `against`",
+        "value of the number, multiplied by `times` of the claim. If the claim has `against`: also divided by the same number "
+        "(or `against_number`) of that run",
     )
 
 

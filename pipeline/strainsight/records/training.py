@@ -150,8 +150,8 @@ class Training:
     missed: np.ndarray = dataset(
         "strain/N/rad or strain/N/m",
         "channel × input × misalignment",
-        "change of the static strain, or displacement [m], under a unit load, per unit misalignment of this load (two "
-        "rotations, two shifts). Without the part in the span of the reduction basis",
+        "part that the reduction basis cannot represent: change of the static strain, or displacement [m], under a unit load, "
+        "per unit misalignment of this load (two rotations, two shifts)",
         path="/gauges/missed",
     )
     strain_operator: sparse.csr_array | None = group(StrainOperatorRows, path="/gauges/strain_operator", default=None)

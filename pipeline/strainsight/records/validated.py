@@ -30,8 +30,8 @@ class Consistency:
     band: np.ndarray = dataset(
         "1",
         "2 × 2",
-        "99.73 % limits [low, high] of the NEES at one instant (first row) and of the mean NIS (second row); low "
-        "is at most 1/1.21, high at least 1.21",
+        "99.73 % limits [low, high] of the NEES at one instant (first row) and of the NIS averaged over the run (second row). "
+        "Limits closer to 1 than 1/1.21 and 1.21 (a σ error of 10 %) are widened to these values",
     )
 
 

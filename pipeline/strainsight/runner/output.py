@@ -227,7 +227,7 @@ class _Reading:
             text = h5py.check_string_dtype(dtype)
             empty = attribute.get_space().get_simple_extent_type() == h5s.NULL
             if empty or (dtype.hasobject and (text is None or shape != ())):
-                raise damaged(self.name, f"attribute {key} of {name} has an unexpected storage layout")
+                raise damaged(self.name, f"attribute {key} of {name} is not a number, a text or an array of numbers")
             if attribute.get_storage_size() > self.size:
                 raise damaged(self.name, f"the attributes of {name} are larger than the file")
             array = np.empty(shape, dtype)
@@ -251,7 +251,7 @@ class _Reading:
                 self.name, f"{name} requires {claimed} bytes, but the file contains only {min(stored, self.size)} bytes"
             )
         if layout == h5d.CHUNKED:  # can unpack to a piece of any size
-            raise damaged(self.name, f"{name} has an unexpected storage layout")
+            raise damaged(self.name, f"{name} is stored in chunks, which is not supported")
         self._claim(stored)
         if self.size > IN_MEMORY:
             return None

@@ -221,8 +221,8 @@ def admissible(
         trail.append(f"{np.count_nonzero(remaining)} {what}")
         if not remaining.any():
             raise InfeasibleError(
-                f"no admissible facet remains for a gauge: {where} excludes the last facets ({np.count_nonzero(before)}). "
-                f"Remaining after each step: {', '.join(trail)}",
+                f"no admissible facet remains for a gauge: {where} removes the last {np.count_nonzero(before)} facets. "
+                f"Facets remaining after each step: {', '.join(trail)}",
                 key=where,
                 remedy="Choose another surface, larger included zones or smaller excluded zones.",
             )

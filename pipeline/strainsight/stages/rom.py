@@ -94,7 +94,7 @@ def run_spectrum(context: Context[PlacementConfig]) -> Output:
     """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
     spectrum = spectrum_of(context.config, inputs.mesh(context), context)
     frequency, size = spectrum.frequency, len(spectrum.shape)
-    message = "mode shapes depend on the parameters; the stage validate computes the modes of the simulated test"
+    message = "no modes stored, because they depend on the parameters; the stage validate computes those of the simulated test"
     if len(frequency):
         band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
         message = f"{len(frequency)} modes of {size} degrees of freedom, {band} at the centre of the parameter ranges"

@@ -316,15 +316,16 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
 def _rows(run: SuiteRun, columns: int, mixed: bool) -> Iterator[tuple[str, ...]]:
     """A row an unknown; mixed: runs differ in their metric."""
     label, layout = run.label, () if isinstance(run, BenchPageRun) else _layout_cells(run, mixed)
+    missing = f"no estimate (the last stage of the run is '{run.reached}')"
     if isinstance(run, BenchPageRun) and not run.unknowns:
-        yield (label, "", f"no estimate (the last stage of the run is '{run.reached}')", *[""] * (columns - 3))
+        yield (label, "", missing, *[""] * (columns - 3))
     for unknown in _unknowns(run):
         cells = [_percent(unknown[key]) for key in ("error", "smoothed", "std", "expected") if key in unknown]
         if isinstance(run, BenchPageRun):
             cells += ["" if (fit := unknown[key]) is None else f"{fit:.5g}" for key in ("slope", "ratio_slope")]
         else:
             cells.append(_repeats(unknown["repeats"]))
-            unknown["verdict"] = unknown["verdict"] or f"no estimate (the last stage of the run is '{run.reached}')"
+            unknown["verdict"] = unknown["verdict"] or missing
         yield (label, unknown["name"], *layout, *cells, unknown["verdict"])
         label, layout = "", ("",) * len(layout)
 

@@ -105,7 +105,7 @@ def test_what_does_not_hold_leads_the_page_and_its_headline(full):
     text = page(full())
     said = words(text.split('id="in-short">')[1].split("</p>")[0]).replace("\u00a0", " ")
     assert said.startswith(
-        "E: overconfident (RMS error of the repeated runs 6.6 times the claimed σ; at most 1.49 for a calibrated σ), "
+        "E: overconfident (RMS error of the repeated filter runs 6.6 times the claimed σ; at most 1.49 for a calibrated σ), "
         "not identified (the measurements hardly reduce the initial uncertainty of this unknown); "
         "error of the estimate: 0.052 % . 4 gauges chosen"
     )

@@ -167,8 +167,9 @@ def moved_in_words(exact: Expectation, chosen: Expectation, over: Collection[str
     """Gain of the layout chosen with installation errors over the layout chosen without."""
     name = max(over, key=lambda key: exact.std[key] / chosen.std[key])
     return (
-        "Installation errors were included as noise, which favours locations away from steep strain gradients: with the "
-        f"layout for exact gauges, the expected σ of {name} would be {exact.std[name] / chosen.std[name]:.3g} times as large."
+        "Installation errors were included as noise, which favours locations away from steep strain gradients. In a layout "
+        f"optimised without these errors, the expected σ of {name} would be {exact.std[name] / chosen.std[name]:.3g} "
+        "times as large."
     )
 
 

@@ -106,7 +106,7 @@ def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarr
     columns = (
         "rule",
         criteria[0].symbol,
-        f"{criteria[0].symbol} divided by that of the selected layout",
+        f"{criteria[0].symbol} relative to the selected layout",
         *(c.symbol for c in criteria[1:]),
         *(f"steady-state σ({n})" for n in names),
     )

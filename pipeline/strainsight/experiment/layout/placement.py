@@ -91,7 +91,7 @@ def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement
     expected, final = _most_important_first(task, expected_of(task, layout), layout.gauges)
     gauges = task.pool.gauges_of(final)
     listed = subject.listed(gauges)
-    progress("effect of gauge failures, layouts by other placement rules", 0.8)
+    progress("effect of gauge failures, comparison of placement rules", 0.8)
     if task.single is None or len(final) == len(gauges):
         loss = loss_if_one_fails(task.under(task.pools), final, task.aggregate)
     else:  # one gauge of a mirrored pair fails, not both

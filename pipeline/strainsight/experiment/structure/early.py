@@ -126,7 +126,7 @@ def odd_channels(
         known, std = values[np.isfinite(values)], noise[i] if i < len(noise) else None
         if i < gauges and len(known) > 1 and known.min() == known.max():
             words.append(
-                f"{name} is constant in all {len(known)} samples: the gauge is not connected or broken ({key})"
+                f"{name} is constant in all {len(known)} samples: the gauge is broken or not connected ({key})"
             )
         elif i < gauges and (count := int(at_limit(values).sum())) and not _in_steps(known):
             words.append(

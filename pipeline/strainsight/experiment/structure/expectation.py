@@ -132,7 +132,11 @@ def case_table(cases: ByCase, symbol: str) -> Table:
         for i, name in enumerate(cases.name)
     )
     columns = ("load case", "weight", symbol, *(f"expected σ({name})" for name in cases.std))
-    return Table("load cases: σ relative to the guess, σ of loads to their amplitude in the load case", columns, rows)
+    return Table(
+        "load cases: σ of parameters relative to the guess, σ of loads relative to their amplitude in the load case",
+        columns,
+        rows,
+    )
 
 
 def cases_in_words(cases: ByCase, aggregate: str) -> Iterator[str]:

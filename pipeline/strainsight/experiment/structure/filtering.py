@@ -205,5 +205,9 @@ def excluded(estimate: Values, other: Values) -> str:
 
 def excluded_in_words(words: str, settled: bool, key: str) -> str:
     """Reason to withhold σ, from `excluded`; settled: whether the estimate starts settled (`key`)."""
-    by = f"with periodic and with unknown initial motion; check {key}" if settled else "by the same model; report a bug"
+    by = (
+        f"first estimate: periodic initial motion, second: unknown initial motion; check {key}"
+        if settled
+        else "both by the same model; report a bug"
+    )
     return f"two estimates of the same parameters disagree: {words} ({by})" if words else ""

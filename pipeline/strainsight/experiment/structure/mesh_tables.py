@@ -296,7 +296,8 @@ def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
     between = links(mesh)
     ground = sum(link.share > EXACT for link in between)
     detail = (
-        f"{ground} springs or equations resist a rigid-body motion; largest stretch {between[0].share:.2g} ({between[0].name})"
+        f"{ground} springs or equations resist a rigid-body motion; largest relative elongation or residual under this motion: "
+        f"{between[0].share:.2g} ({between[0].name})"
         if between
         else ""
     )

@@ -238,7 +238,7 @@ def _proportional(entry: ResultsSection, mesh: Mesh, parameters: Sequence[Parame
         if set(regions_of(mesh.elements)) - set(parameter.regions) or elsewhere:
             part = f"{parameter.name} does not scale {f'the {others} of the deck' if elsewhere else 'all regions'}"
             raise UserError(
-                f"results at one parameter value determine only the effect of a factor on the whole {kind}, but {part}",
+                f"a single set of results (mesh.results) supports only parameters that scale the whole {kind}, but {part}",
                 key=f"parameters.{parameter.name}",
                 remedy="Estimate a property or a stiffness_factor of all regions, or import a second set of results at another "
                 "value (mesh.results.second), or use the deck or mesh.matrices.",

@@ -297,8 +297,8 @@ def refuse_times(frequency: np.ndarray, duration: float, step: float, section: s
     units = "Check mesh.length_unit, mesh.mass_unit, modulus and density"
     if last * duration < LEAST_PERIODS:
         raise InfeasibleError(
-            f"the duration of {duration:g} s is only {last * duration:.2g} periods of the last mode ({last:.4g} Hz), too short "
-            "for the stiffness to affect the readings",
+            f"the duration of {duration:g} s is only {last * duration:.2g} periods of the highest mode ({last:.4g} Hz), "
+            "too short for the stiffness to affect the readings",
             key=f"{section}.duration",
             remedy=f"{units}, or set at least {at_least(LEAST_PERIODS / last)} s, better a few periods of the first mode.",
         )

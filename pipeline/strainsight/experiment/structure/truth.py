@@ -123,7 +123,7 @@ def model_of(
 def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
     """Sampled errors with σ, in words; by_rows: whether gauges are imported as a strain operator, which cannot be moved."""
     tolerances, settings, moved = tolerances_of(config.tolerances), config.validation.truth, not by_rows
-    damped = [f"damping ratio of every mode by a factor of {tolerances.damping:g}"] * (
+    damped = [f"factor {tolerances.damping:g} on the damping ratio of every mode"] * (
         tolerances.damping > 1 and settings.damping_factor is None
     )
     sources = (

@@ -126,7 +126,7 @@ def validation_of(
     compare = problem.method == "grid" and config.filter.compare is not False
     samples = trial.covariance, trial.known, measured
     record = GridRecord(model, np.zeros(model.size), *samples, none_considered(model), settled=trial.settled)
-    watch = _watched(using, "noise levels, repeated runs, random layouts", 0.4, 0.8)
+    watch = _watched(using, "studies of noise levels, repeated runs and random layouts", 0.4, 0.8)
     studies, lost = studies_of(
         trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch
     )

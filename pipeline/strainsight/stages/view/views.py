@@ -90,7 +90,7 @@ def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
     step[removed] = np.arange(1, len(removed) + 1)
     outside = replace(layout, pool=np.delete(position, pool, axis=0))
     title = f"{title}, {len(position)} candidates, {len(pool)} after screening"
-    return _dotted(title, outside, position[pool], step, "elimination step (highest: selected candidates)", "–")
+    return _dotted(title, outside, position[pool], step, "elimination step of each gauge (highest: selected)", "–")
 
 
 def _dotted(

@@ -317,7 +317,7 @@ def bench_disagreements(estimation: BenchEstimation) -> list[str]:
     if words and estimation.problem.estimate.inputs:
         words.append(
             "the estimates of the parameter grid filter also depend on estimate.inputs.*.increment and are biased if an "
-            "increment is too large. Remove loads that are known from estimate.inputs, or correct the increments"
+            "increment is too large. Remove known loads from estimate.inputs, or correct the increments"
         )
     return words
 

@@ -171,8 +171,8 @@ def _refuse_large(trial: BenchTrial, y: np.ndarray) -> None:
     needed = 8.0 * steps * runs * size * (3 * size + y.shape[2] + trial.installed[0].shape[1])
     if needed > LARGEST:
         raise ConfigError(
-            f"gauge errors in {runs} runs of {steps} steps with {size} states need {needed / 1e9:.3g} GB of memory; the limit is "
-            f"{LARGEST / 1e9:.3g} GB",
+            f"including gauge errors in {runs} filter runs of {steps} steps with {size} states needs "
+            f"{needed / 1e9:.3g} GB of memory; the limit is {LARGEST / 1e9:.3g} GB",
             key="estimate.tolerances",
             remedy="Reduce estimate.runs or estimate.duration, or remove estimate.tolerances.",
         )

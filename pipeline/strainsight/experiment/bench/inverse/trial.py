@@ -222,7 +222,9 @@ def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigEr
     if max(SPAN * moved, FLOOR * largest) >= NOTHING:
         by_unknown = SPAN * moved >= FLOOR * largest
         what, reach = (
-            ("reading due to one initial σ of an unknown", moved) if by_unknown else ("largest reading", largest)
+            ("largest change of a reading if an unknown changes by its initial σ", moved)
+            if by_unknown
+            else ("largest reading", largest)
         )
         ratio = f"{what}: {reach:.3g}, {reach / noise:.1e} times the noise"
         what = f"the noise of {noise:g} is below rounding errors of the readings ({ratio})"
@@ -256,14 +258,14 @@ def _felt(
             if unsolved is not None:
                 raise unsolved
             raise ConfigError(
-                f"no sensor measures this unknown: one initial σ ({std:.3g}) of the unknown changes every reading by less than "
+                f"no sensor measures this unknown: a change by its initial σ ({std:.3g}) changes every reading by less than "
                 f"{FELT:g} σ of the noise",
                 key=f"estimate.{name}",
                 remedy="Add a sensor on a body that the unknown deforms or moves, remove the unknown from `estimate` if it is "
                 "known, or set estimate.allow_unobservable: true.",
             )
     return tuple(
-        f"the sensor {name} measures no unknown: one initial σ of any unknown changes its reading by less than "
+        f"the sensor {name} measures no unknown: a change of any unknown by its initial σ changes the reading by less than "
         f"{FELT:g} σ of the noise"
         for name, part in channels.items()
         if moved[part].max(initial=0.0) < FELT and available[part].any()

@@ -160,8 +160,8 @@ def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -
     for name, share in zip(body.loads, felt, strict=True):
         if not FELT[0] <= share <= FELT[1]:
             raise InfeasibleError(
-                f"one increment of {name} changes the reading of the most sensitive gauge by {share:.2g} times the noise of "
-                f"{noise:g}; this ratio must be {FELT[0]:g} to {FELT[1]:g}",
+                f"a change of {name} by its `increment` changes the reading of the most sensitive gauge by {share:.2g} "
+                f"times the noise of {noise:g}; this ratio must be {FELT[0]:g} to {FELT[1]:g}",
                 key="place.noise",
                 remedy=f"Check place.noise (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli of the bodies.",
             )
