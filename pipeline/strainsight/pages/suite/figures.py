@@ -126,7 +126,9 @@ def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Seque
     panels[-1].set_xlabel(short(study.over or "", 48))
     if any(groups):
         legend_above(panels[0], 2)
-    caption = f"Summary numbers of the runs versus the config key {study.over}: one panel per number, one line per group of runs."
+    caption = (
+        f"Summary numbers of the runs versus the config key {study.over}: a panel per number, a line per group of runs."
+    )
     if what:
         caption = f"Errors of the {what} versus the config key {study.over}; dotted: claimed standard deviation."
     title = f"{study.name}: {f'errors of {what}' if what else 'summary numbers'} versus {study.over}"

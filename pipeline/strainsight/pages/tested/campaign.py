@@ -111,7 +111,10 @@ def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
         rows.append([escape(unknown.name), *together, *alone])
     head = ["parameter", "joint estimate", "± claimed σ"]
     head += [f"{escape(record.record)} alone" for record in report.records]
-    caption = "Joint estimate: most likely value from all records consistent with the model. Other columns: from each record alone."
+    caption = (
+        "Joint estimate: most likely value from all records consistent with the model. "
+        "Columns “alone”: most likely value from one record."
+    )
     text = table("parameters", head, rows, caption=caption, numeric=range(1, len(head)))
     doubts = bullets(doubt for unknown in report.parameters for doubt in unknown.doubts)
     warned = f'<div class="card warnings">{doubts}</div>' if doubts else ""
