@@ -222,9 +222,9 @@ def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
     sets = ", ".join(map(str, hints.support_sets))
     ask("spc", f"{what} ({sets})", partial(read_support_set, hints=hints), bool(hints.support_sets))
     _list_places(hints.places)
-    support_question = "location of the support (list number, node ID, or x, y, z in m)"
+    support_question = "location of the support (number in the list, node ID, or x, y, z in m)"
     ask("support", support_question, _numbered(hints, read_support), not hints.supports)
-    ask("load", "location of the load (list number, node ID, or x, y, z in m)", _numbered(hints, read_place))
+    ask("load", "location of the load (number in the list, node ID, or x, y, z in m)", _numbered(hints, read_place))
     free = answers.load is None or answers.load.kind != "deck_load"
     ask(
         "direction",

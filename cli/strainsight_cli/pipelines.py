@@ -22,7 +22,7 @@ STAGES = {
     "modes": "Compute natural frequencies and mode shapes (for a bench, also the state-space model)",
     "rom": "Compute the reduced-order model",
     "train": "Simulate the structure under the configured loads, with the reading of every candidate gauge",
-    "screen": "Remove candidate gauges with weak readings, out of range, or too close to others or to edges",
+    "screen": "Remove candidate gauges with weak or out-of-range readings, or too close to others or to edges",
     "observe": "Compute which loads and parameters are observable together",
     "place": "Place the gauges",
     "simulate": "Simulate a bench over time",
@@ -74,7 +74,8 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
         return loaded
     if last.get("records"):
         note(
-            f"the estimate from the test in {artefact} is not shown: the config has no `estimate.records`, but the test has"
+            f"the estimate from the test in {artefact} is not shown: the test has several records, "
+            "but the config has no `estimate.records`"
         )
         return loaded
     if not (loaded.path.parent / str(last.get("file") or "")).is_file():

@@ -31,7 +31,7 @@ def shown(found: Opened) -> dict[tuple[str, ...], list[float]]:
     numbers: dict[tuple[str, ...], list[float]] = {}
     for place, value, text in found.page.evaluate(WHERE):
         assert rounded(Number(float(value), text, str(place))), (place, value, text)
-        place[-1] = re.sub(r"^metric of the best other .*? \(.*\)$", "best other rule", place[-1])
+        place[-1] = re.sub(r"^best metric of the other .*? \(.*\)$", "best other rule", place[-1])
         numbers.setdefault(tuple(place), []).append(float(value))
     return numbers
 

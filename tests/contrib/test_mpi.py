@@ -80,7 +80,7 @@ def test_an_indefinite_matrix_is_refused(start):
 def test_too_little_memory_is_refused_before_it_is_taken(start, monkeypatch):
     K, _, _ = lattice(12)
     monkeypatch.setattr(session, "available_memory", lambda: 1e6)
-    with pytest.raises(UserError, match=r"too little memory for the factor.*estimated") as caught:
+    with pytest.raises(UserError, match=r"too little memory for the factorised matrix.*estimated") as caught:
         start(2)(K)
     assert caught.value.key == "solver"
 

@@ -158,7 +158,7 @@ def test_other_properties_scale_all_layers(box):
     with pytest.raises(UserError, match="have 2 isotropic materials") as e:
         value_of(layered(mesh, [(1.0, STEEL, 0), (1.0, TIN, 0)]), 1, "youngs_modulus")
     assert "`material`" in e.value.remedy
-    with pytest.raises(UserError, match=r"the layers of region .* have separate materials"):
+    with pytest.raises(UserError, match=r"region .*: the layers have separate materials"):
         with_material(mesh, [1], 2e11, 0.3, 7850.0)
 
 

@@ -35,9 +35,9 @@ def test_cases_and_curves_are_of_the_bearings_they_name():
     page = (end.folder / "bearing.html").read_text(encoding="utf-8")
     assert "second under load case own" in page
     assert "first under load case own" not in page
-    assert "first: load over displacement tilt about z" in page
-    assert "second: load over displacement x" in page
-    assert "second: load over displacement tilt about z" not in page
+    assert "first: load versus displacement tilt about z" in page
+    assert "second: load versus displacement x" in page
+    assert "second: load versus displacement tilt about z" not in page
 
 
 @pytest.mark.parametrize("force", ["1.0e+9", "1.0e+15"])

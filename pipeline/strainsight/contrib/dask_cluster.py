@@ -94,7 +94,7 @@ def _require_scheduler(address: str) -> None:
             f"no Dask scheduler at {address}: {why or type(error).__name__}",
             key="--dask",
             remedy="start a scheduler (`dask scheduler`) and pass the address that it prints; "
-            f"it must answer within {PATIENCE:g} s",
+            f"the scheduler must answer within {PATIENCE:g} s",
         ) from None
     if kind != "Scheduler":
         raise UserError(

@@ -118,7 +118,7 @@ def _lines(signal: Signal) -> list[tuple[float, complex]]:
             frequency, phase = multisine(signal)
             amplitude = -1j * signal.amplitude / np.sqrt(signal.count) * np.exp(1j * phase)
             return list(zip(frequency.tolist(), amplitude.tolist(), strict=True))
-    raise TypeError(f"the signal is not a sum of tones (constant, sine, multisine): {signal!r}")
+    raise TypeError(f"the signal must be of type constant, sine or multisine, but is {signal!r}")
 
 
 def multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:

@@ -192,7 +192,7 @@ def process_intensity(
     with an input that is not a random walk."""
     if rule != "intensity" and not (h and h > 0):
         what = f"process noise rule {rule} requires a positive time step, but the time step h is {h}"
-        raise ConfigError(what, remedy="Specify the time step h [s].")
+        raise ConfigError(what, remedy="Specify a positive time step h [s].")
     step = h if h is not None else 0.0
     delta = np.array([positive_of(drift, p, "process noise scale") for p in unknowns.parameters])
     factor = {"intensity": 1.0, "thesis": step, "as_printed": step * step}[rule]

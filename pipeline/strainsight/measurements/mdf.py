@@ -77,14 +77,14 @@ def _open_stream(path: Path) -> IO[bytes]:
                 raise UserError(
                     f"the archive contains no file with the ending {' or '.join(_ENDINGS)}",
                     where=str(path),
-                    remedy="unpack the archive and specify the file",
+                    remedy="unpack the archive and specify the measurement file",
                 )
             size = path.stat().st_size
             if member.file_size > PACKING * size:
                 raise UserError(
                     f"the archive of {size} bytes unpacks to {member.file_size} bytes, more than {PACKING} times its size",
                     where=str(path),
-                    remedy="unpack the archive and specify the file",
+                    remedy="unpack the archive and specify the measurement file",
                 )
             file = BytesIO(archive.read(member))
     file.seek(0)

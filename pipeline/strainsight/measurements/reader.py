@@ -190,7 +190,7 @@ def _library_errors(kind: str, path: Path) -> Iterator[None]:
         raise
     except MemoryError:
         raise UserError(
-            f"reading the file as {name} requires too much memory for its size",
+            f"reading the file as {name} requires more memory than is plausible for its size",
             where=str(path),
             remedy=f"export a part of the record, or {DAMAGED}",
         ) from None

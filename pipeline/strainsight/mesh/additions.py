@@ -98,9 +98,9 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
     for parts, (part_of, cards) in several.items():
         if layered := sorted(i for i in chosen if part_of(i)):
             raise UserError(
-                f"{parts} of {mesh.regions[layered[0]]} have separate materials",
-                remedy="Exclude this region from the material in mesh.materials, and define the materials of "
-                f"{parts} in the deck{cards}.",
+                f"a single material cannot be assigned to {mesh.regions[layered[0]]}: {parts} have separate materials",
+                remedy="Set `regions` of the material in mesh.materials without this region, and define the materials "
+                f"of {parts} in the deck{cards}.",
             )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
     stacks: list[tuple[Ply | Layer, ...]] = [

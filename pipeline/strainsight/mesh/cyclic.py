@@ -272,7 +272,7 @@ class Copies:
             raise UserError(
                 f"{replaced[row]}: the dependent node {self.mesh.node_ids[replaced[row].node[0]]} of this constraint equation is "
                 "on a cut face of the sector, but the opposite node of the other cut face has no such equation",
-                remedy="Define the equation on the opposite face too, or put the term of a node inside the sector first.",
+                remedy="Define the equation on the opposite face too, or begin it with a node inside the sector.",
             )
         return tuple(relations), np.array(number, dtype=np.int64)
 

@@ -125,7 +125,9 @@ class Relation:
     ]
     value: Annotated[
         FloatArray,
-        Column("SI", "term", "coefficient of the term: 1 for a translation, m for a rotation", offset="term_offset"),
+        Column(
+            "SI", "term", "coefficient of the term; unit 1 for a translation, m for a rotation", offset="term_offset"
+        ),
     ]
     name: Annotated[str, Column("1", "", "name of the constraint equation in the mesh file or config")] = ""
     yields: bool = False

@@ -68,7 +68,7 @@ class Region:
     id: Annotated[int, Column("1", "", "id of every region")]
     name: Annotated[str, Column("1", "", "name of every region")]
     material: Annotated[
-        int, Column("1", "", "material id of every region; 0: no material, or one for each ply or layer")
+        int, Column("1", "", "material id of every region; 0: no material, or several (one for each ply or layer)")
     ]
 
     def __str__(self) -> str:

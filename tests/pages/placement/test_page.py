@@ -133,7 +133,7 @@ def test_a_placement_without_benefit_leads_what_the_gauges_determine(full):
     assert both.index("No benefit") < both.index("estimate tip to within")
     assert "No benefit of the placement for E: 6 of 10 random" in said(shown, none)
     assert "No benefit" not in said(shown, some)
-    assert "A benefit of the placement for E is not significant: 3 of 10 random layouts" in said(shown, some)
+    assert "The benefit of the placement for E is not significant: 3 of 10 random layouts" in said(shown, some)
 
 
 def test_a_remark_of_the_config_is_on_the_page_line_by_line_and_only_there_where_it_has_one(full):

@@ -166,7 +166,7 @@ class OverMpi:
             raise
         self.say(
             f"SLEPc {mpi['slepc']} with MUMPS in {mpi['processes']} processes: the factorisation with {A.shape[0]} "
-            f"degrees of freedom used {answer['memory'] * 1e6 / GIB:.3g} GiB of memory"
+            f"degrees of freedom used {answer['memory'] * 1e6 / GIB:.3g} GiB of memory in total"
         )
         return _factor(session, scale)
 
@@ -184,7 +184,9 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
     ) -> tuple[np.ndarray, np.ndarray]:
         if not mass or mass[0] is not M:
             if mass:
-                raise ValueError("modes with another mass matrix require a new factorisation of the stiffness matrix")
+                raise ValueError(
+                    "the mass matrix differs from that of the first modes; factorise the stiffness matrix again"
+                )
             session.matrix("M", scaled_upper(M, scale))
             mass.append(M)
         first, into = session.array((start / scale)[:, None]), session.room(count, len(start))
@@ -323,7 +325,7 @@ class _Session:
         if kind == "memory":
             figure = f" (estimated: {answer['estimate'] * 1e6 / GIB:.3g} GiB)" if "estimate" in answer else ""
             return UserError(
-                f"the MPI processes have too little memory for the factor{figure}",
+                f"the MPI processes have too little memory for the factorised matrix{figure}",
                 key="solver",
                 remedy=f"name more machines in the launcher command (export {LAUNCHER}=…), or {SMALLER}",
             )

@@ -69,7 +69,7 @@ def bearing_page(
         section("Bearings", bearings),
         *map(_case, cases),
         figures(map(card, polar, count()), "<h2>Loads of the balls</h2>"),
-        figures(map(card, map(curve_figure, curves), count(len(polar))), "<h2>Load over displacement</h2>"),
+        figures(map(card, map(curve_figure, curves), count(len(polar))), "<h2>Load versus displacement</h2>"),
     ]
     answer = f"{len(curves)} load-displacement curve{'s' * (len(curves) != 1)}."
     if cases:
@@ -111,7 +111,7 @@ def _polar(case: LoadedBearing, key: str, what: str, values: FloatArray, unit: s
     largest = np.nanmax(np.append(values, 0.0))
     z = len(case.state.station)
     caption = (
-        f"{what.capitalize()} of the {z} balls of {case.title} over the angular position of the ball: 0° is the y "
+        f"{what.capitalize()} of the {z} balls of {case.title} versus the angular position of the ball: 0° is the y "
         f"axis, 90° the z axis. Largest {what}: {number(float(largest), 4)} {unit}."
     )
     alt = f"Polar chart of the {what} of {z} balls, largest {number(float(largest), 4)} {unit}."
@@ -137,13 +137,13 @@ def curve_figure(curve: BearingDisplaced) -> Drawing:
     largest = float(np.abs(curve.curve.load[:, a]).max())
     name = DISPLACEMENTS[a]
     caption = (
-        f"Load on the inner ring of {curve.bearing} over the displacement {name} of this ring; its other "
+        f"Load on the inner ring of {curve.bearing} versus the displacement {name} of this ring; its other "
         f"displacements are zero. x is the bearing axis. Load component in the direction of the displacement: at most "
         f"{number(largest, 4)} {LOAD_UNITS[a]}."
     )
-    alt = f"Line chart of three forces and two moments over the displacement {name}."
+    alt = f"Line chart of three forces and two moments versus the displacement {name}."
     return Drawing(
-        f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over displacement {name}", caption, alt, svg(canvas)
+        f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load versus displacement {name}", caption, alt, svg(canvas)
     )
 
 

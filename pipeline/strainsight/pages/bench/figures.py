@@ -112,7 +112,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
     plain_axis(axes)
     plain_axis(below)
-    below.set_ylabel("ratio to the load\non the measured bench [–]")
+    below.set_ylabel("load / load on\nthe measured bench [–]")
     time_axis(below)
     legend_of_lines(axes, labels)
     caption = (

@@ -288,7 +288,7 @@ OF_ESTIMATE = {
     "method": "measurement update of the filter",
     "truth": "simulated test",
     "channels": "number of channels",
-    "unknowns": "number of unknowns",
+    "unknowns": "number of unknown loads and parameters",
     "violation": "largest violation of a joint constraint after a measurement update, relative to the mass-weighted norm of "
     "the coordinates",
 }

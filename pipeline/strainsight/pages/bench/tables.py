@@ -168,7 +168,7 @@ def mismatch_table(run: BenchPageRun) -> str:
     for sensor in run.sensors:
         parts = [(name, run.number(f"mismatch.{sensor.name}.{i}")) for i, name in enumerate(sensor.components, start=1)]
         listed = ", ".join(f"{escape(name)} {ratio(value)}" for name, value in parts if value is not None)
-        use = "measurement of the filter" if sensor.used else "compared with the estimate only"
+        use = "used by the filter" if sensor.used else "not used by the filter"
         rows.append([escape(sensor.name), use, ratio(run.number(f"mismatch.{sensor.name}")), listed or "–"])
     caption = "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading."
     head = ("sensor", "use", "largest mismatch", "mismatch by component")

@@ -63,8 +63,8 @@ def no_benefit(unknowns: Sequence[Unknown]) -> str:
 def not_shown(unknowns: Sequence[Unknown]) -> list[str]:
     """Sentences, as HTML, on unknowns for which a benefit is not significant."""
     return [
-        f"A benefit of the placement for {name} is not significant: {many} random layouts with the same number of gauges are at "
-        "least as accurate."
+        f"The benefit of the placement for {name} is not significant: {many} random layouts with the same number of "
+        "gauges are at least as accurate."
         for name, many in _as_well(unknowns, "not shown").items()
     ]
 

@@ -72,7 +72,7 @@ OTHER, REST = "other sources", "muted"
 """The smallest sources, without a colour, are one part of a bar."""
 BUDGET = (
     "Shares of the variance of the filtered estimate: of a parameter at the end of the run, of a load over the second half of "
-    "the run. Noise: gauge noise. Process noise: random changes of the loads and model errors, as assumed by the filter. "
+    "the run. Noise: gauge noise. Process noise: assumed random changes of the loads, and assumed model errors. "
     "Start: initial uncertainty of the filter."
 )
 LEAD = (

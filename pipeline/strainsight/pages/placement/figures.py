@@ -116,7 +116,7 @@ def trend_figure(trend: Trend) -> Drawing:
         caption += f" With more than {bend} gauges (elbow), the additional gauges mainly average out noise."
     ends = f"{number(trend.value[0])} with {every} candidates to {number(trend.final)} with {keep}"
     alt = f"Line chart of the metric from {ends}."
-    return Drawing("trend", "Metric over the number of gauges", caption, alt, svg(canvas))
+    return Drawing("trend", "Metric versus number of gauges", caption, alt, svg(canvas))
 
 
 @styled()
@@ -219,7 +219,8 @@ def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) 
     axes.set_ylabel(f"{short(chosen.name)} [{unit}]")
     legend_above(axes)
     caption = (
-        f"Estimates of {chosen.name} with random layouts (from all or from screened candidates) and with the chosen layout. "
+        f"Estimates of {chosen.name} with random layouts (from all candidates, or from the candidates after "
+        "screening) and with the chosen layout. "
         "The axis is scaled to the estimates after the first quarter of the run."
     )
     alt = f"Line chart of estimates of {chosen.name} with {count} random layouts and the chosen layout."
@@ -245,13 +246,13 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
         plain_ticks(axes, "y")
     axes.set(xlabel="gauge noise [% of the largest RMS reading of a candidate]", ylabel="relative error [%]")
     legend_above(axes, columns=2)
-    caption = "True error (dots) and claimed σ (lines) of the estimates over the gauge noise."
+    caption = "True error (dots) and claimed σ (lines) of the estimates versus the gauge noise."
     alt = "; ".join(
         f"errors at a gauge noise of {percent(level)}: "
         + ", ".join(f"{name} {percent(values[i])}" for name, values in noise.error.items())
         for i, level in enumerate(noise.level)
     )
-    return Drawing("noise", "Effect of gauge noise", caption, f"Chart of error over noise: {alt}.", svg(canvas))
+    return Drawing("noise", "Effect of gauge noise", caption, f"Chart of error versus noise: {alt}.", svg(canvas))
 
 
 @styled()

@@ -147,7 +147,7 @@ def _bound_tile(report: PlacementReport) -> str:
         best = min(others, key=lambda entry: entry.chosen)
         # a value below the bound violates the limits, which other rules ignore
         violating = trend.lower_bound is not None and best.chosen < trend.lower_bound * (1 - 1e-9)
-        name = f"metric of the best other placement rule{', limits violated' * violating} ({escape(best.rule)})"
+        name = f"best metric of the other placement rules{', limits violated' * violating} ({escape(best.rule)})"
         rows.append((name, plain(best.chosen)))
     value = "not certified" if trend.gap is None else f"≤\u00a0{share(max(trend.gap, 0.0))}"
     return tile("gap to the optimal layout", value, rows)
@@ -371,8 +371,8 @@ def _observability(report: PlacementReport) -> str:
             for check in report.consistency
         ]
         caption = (
-            "Number: normalised squared error of the estimate (NEES) or of the innovations (NIS), per dimension; ideally 1. "
-            "Band: range of the number if σ is calibrated."
+            "Number: normalised estimation error squared (NEES) or normalised innovation squared (NIS), per dimension; "
+            "ideally 1. Band: range of the number if σ is calibrated."
         )
         head = ("check", "number", "band", "result")
         cards.append(table("consistency", head, rows, caption=caption, numeric=(1, 2)))

@@ -126,11 +126,13 @@ def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Seque
     panels[-1].set_xlabel(short(study.over or "", 48))
     if any(groups):
         legend_above(panels[0], 2)
-    caption = f"Summary numbers of the runs over the config key {study.over}: one panel per number, one line per group of runs."
+    caption = (
+        f"Summary numbers of the runs versus the config key {study.over}: a panel per number, a line per group of runs."
+    )
     if what:
-        caption = f"Errors of the {what} over the config key {study.over}; dotted: claimed standard deviation."
-    title = f"{study.name}: {f'errors of {what}' if what else 'summary numbers'} over {study.over}"
-    return Drawing(key, title, caption, f"Line chart over {study.over}. {'; '.join(texts)}.", svg(canvas))
+        caption = f"Errors of the {what} versus the config key {study.over}; dotted: claimed standard deviation."
+    title = f"{study.name}: {f'errors of {what}' if what else 'summary numbers'} versus {study.over}"
+    return Drawing(key, title, caption, f"Line chart versus {study.over}. {'; '.join(texts)}.", svg(canvas))
 
 
 def _values(runs: Sequence[SuiteRun], name: str) -> FloatArray:
@@ -320,7 +322,7 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         for numbers, _, trend in shared
     )
     alt = f"Line chart of the metric relative to its value with all candidates: {ends}."
-    return Drawing("trends", "Metric over the number of gauges", caption, alt, svg(canvas))
+    return Drawing("trends", "Metric versus number of gauges", caption, alt, svg(canvas))
 
 
 def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:

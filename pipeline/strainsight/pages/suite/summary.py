@@ -90,7 +90,7 @@ def observability_section(report: Suite, cards: Mapping[str, str]) -> str:
     if not series:
         return ""
     motions = [[escape(entry.heading), escape(entry.label)] for entry in series]
-    listed = table("excitations", ("excitation of", "label of the run, or of the first run"), motions)
+    listed = table("excitations", ("excitation of", "label of the run (of several runs: the first)"), motions)
     missing, rows = [], []
     for group in groups_of(series):
         cases = [entry.cases.get(group) for entry in series]

@@ -109,10 +109,11 @@ def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
         alone = [measure(value, unknown.unit) for value in report.shared.alone[unknown.name].tolist()]
         together = [measure(unknown.estimate, unknown.unit), _std(unknown.std, unknown.unit)]
         rows.append([escape(unknown.name), *together, *alone])
-    head = ["parameter", "all records", "± claimed σ"]
+    head = ["parameter", "joint estimate", "± claimed σ"]
     head += [f"{escape(record.record)} alone" for record in report.records]
     caption = (
-        "Most likely value of each parameter, from the records consistent with the model, and from each record alone."
+        "Joint estimate: most likely value from all records consistent with the model. "
+        "Columns “alone”: most likely value from one record."
     )
     text = table("parameters", head, rows, caption=caption, numeric=range(1, len(head)))
     doubts = bullets(doubt for unknown in report.parameters for doubt in unknown.doubts)

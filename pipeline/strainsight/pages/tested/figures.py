@@ -164,9 +164,11 @@ def _cross(reading: Reading) -> Drawing:
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
     axes.set(xlabel=f"predicted {what} [{short(curves.unit)}]", ylabel=f"measured {what} [{short(curves.unit)}]")
     legend_above(axes)
-    caption = f"{label}, measured over predicted reading; both are equal on the dashed line."
-    alt = f"Scatter plot of measured over predicted {what} of {label}, RMS error {_error(reading)} of the measured RMS."
-    return Drawing(f"hold-out-{label}", f"{label}: measured over predicted", caption, alt, svg(canvas))
+    caption = f"{label}, measured versus predicted reading; both are equal on the dashed line."
+    alt = (
+        f"Scatter plot of measured versus predicted {what} of {label}, RMS error {_error(reading)} of the measured RMS."
+    )
+    return Drawing(f"hold-out-{label}", f"{label}: measured versus predicted", caption, alt, svg(canvas))
 
 
 @styled()
