@@ -122,7 +122,7 @@ def _channels(report: Findings) -> str:
         rows,
         title="<h2>Channels</h2>",
         caption="Residual: measured − reconstructed. Residual / noise: RMS residual divided by the configured noise; "
-        "at most about 1 for an exact model. Model errors increase it, but a record with errors within the config section "
+        "at most about one for an exact model. Model errors increase it, but a record with errors within the config section "
         "`tolerances` is consistent.",
         numeric=range(1, 7),
     )
