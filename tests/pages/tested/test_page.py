@@ -96,7 +96,9 @@ def test_missing_samples_are_counted_and_never_drawn_across():
     text = page_of_test(missing(), drawn, ())
     assert shown(text, "G1")[-1] == 2100
     assert shown(text, "G2") == [SAMPLES]  # and dashes for what cannot be known of it
-    assert "Missing samples: 2100 of 4000" in text
+    assert "Missing samples in the filter: 2100 of 4000" in text
+    assert "G1: missing samples in the file: 1 of 4001" in text
+    assert re.search(r"<th[^>]*>missing samples in the filter</th>", text)
     assert "No spectrum of G2: too few consecutive samples" in text
     assert missing().readings[1].missing == SAMPLES
 

@@ -119,12 +119,21 @@ def _channels(report: Findings) -> str:
         )
     text = table(
         "channels",
-        ("channel", "RMS reading", "RMS residual", "residual / noise", "largest reading", "at time", "missing samples"),
+        (
+            "channel",
+            "RMS reading",
+            "RMS residual",
+            "residual / noise",
+            "largest reading",
+            "at time",
+            "missing samples in the filter",
+        ),
         rows,
         title="<h2>Channels</h2>",
         caption="Residual: measured − reconstructed. Residual / noise: RMS residual divided by the configured noise; "
         "at most about one for an exact model. Model errors increase it, but a record with errors within the config section "
-        "`tolerances` is consistent.",
+        "`tolerances` is consistent. Missing samples in the filter: without the first sample of the record, whose reading the "
+        "filter does not use. Missing samples in the file are listed with the processing of the record.",
         numeric=range(1, 7),
     )
     return f'<div class="card without">{text}</div>'
