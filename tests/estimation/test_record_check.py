@@ -153,8 +153,10 @@ def test_spikes_are_identified(record):
         y[300, 3] -= 500 * NOISE
         y[REST + 60, 0] += 200 * NOISE
 
-    fault = named(changed(record, change)).fault
+    finding = check_record(changed(record, change)).finding
+    fault = finding.named.fault
     assert fault.kind == "spikes"
+    assert finding.check.by_others
     assert fault.spans == ((0, REST + 60, REST + 61), (1, 40, 41), (3, 300, 301))
 
 

@@ -61,7 +61,7 @@ def test_assembled_signals_match_truth():
         np.testing.assert_allclose(signals.values[~gone, column], TRUTH[name][~gone], rtol=0, atol=1e-12 * scale)
     assert any(note.startswith("rows without samples were inserted after 5.699 s (12 in total") for note in signals.notes)
     assert any(note.startswith("rows without samples were inserted after 6.499 s (1 in total") for note in signals.notes)
-    assert f"g1: samples are missing ({int(LOST['g1'][KEPT].sum())} of {len(KEPT)})" in signals.notes
+    assert f"g1: missing samples in the file: {int(LOST['g1'][KEPT].sum())} of {len(KEPT)}" in signals.notes
     assert "g2: converted from mV/V to strain with a half-poisson bridge and gauge factor 2.05" in signals.notes
 
 

@@ -54,7 +54,7 @@ def test_invalidation_bits_are_missing_samples(tmp_path):
     found = read(path, ["G1", "G2"])
     np.testing.assert_array_equal(found.channels["G1"], np.where(bad, np.nan, A))
     np.testing.assert_array_equal(found.channels["G2"], A)
-    assert f"G1: samples are missing (4 of {COUNT})" in assemble(found, {"G1": ChannelSettings("um/m")}).notes
+    assert f"G1: missing samples in the file: 4 of {COUNT}" in assemble(found, {"G1": ChannelSettings("um/m")}).notes
 
 
 def test_ambiguous_channel_requires_group(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import warnings
 from io import StringIO
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from strainsight.experiment.layout.gauge_list import deck_frame, layout_labels
 from strainsight.experiment.layout.output import gauge_csv
 from strainsight.experiment.layout.workshop import catman_table
 from strainsight.experiment.structure.bonded_gauges import read_bonded
+from strainsight.experiment.structure.candidates import fixed_gauges
 
 from ..shared import slowly
 from .tested_beam import KNOWN, changed, estimated, result
@@ -101,6 +103,35 @@ def test_a_gauge_may_have_been_bonded_one_sigma_off(project, tmp_path, moved, tu
     found, said = run(project, BEFORE, f"estimate.gauges_file={file}")
     assert found == code, said
     assert code == 0 or ("was bonded at" if moved else "is rotated by 2.1°") in " ".join(said.split())
+
+
+def test_a_changed_coordinate_that_is_not_used_is_an_error(project, tmp_path):
+    rows = lines(project / "bonded.csv")
+    was = float(rows[1]["y_m"])
+    rows[1]["y_m"] = str(was + 0.01)
+    code, said = run(project, BEFORE, f"estimate.gauges_file={rewritten(tmp_path / 'other.csv', rows)}")
+    assert code == 2
+    said = " ".join(said.split())
+    what = f"y_m of G2 is {was + 0.01:.6g} m in line 3 of the file, but {was:.6g} m in the current layout"
+    assert f"estimate.gauges_file: {what}; this column is not used" in said
+    assert "Enter the bonded position in position_x, position_y and position_z [m], and set gauges.fixed_file" in said
+
+
+@pytest.mark.parametrize(("column", "warned"), [("x_mm", True), ("x_mm", False), ("position_x", True)])
+def test_a_coordinate_that_is_not_used_is_a_warning_for_fixed_gauges(tmp_path, column, warned):
+    """The file is that of a model in mm with a gauge at 0.3 m, with one coordinate changed by 7 mm or not at all."""
+    cells = {"position_x": 0.3, "x_mm": 300.0}
+    cells[column] += warned * (7.0 if column == "x_mm" else 0.007)
+    file = tmp_path / "bonded.csv"
+    file.write_text(f"{HEAD},x_mm,y_mm,edge_mm\nG1,{cells['position_x']},0,0.095,1,0,0,{cells['x_mm']},0,95\n")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        (entry,) = fixed_gauges(SimpleNamespace(fixed=(), grid_length=0.0), file)
+    assert entry.position[0] == cells["position_x"]
+    assert len(caught) == warned
+    if warned:
+        values = f"{cells['x_mm']:g} mm in line 2 of the file, but {1e3 * cells['position_x']:g} mm in position_x"
+        assert f"gauges.fixed_file: x_mm of G1 is {values}" in str(caught[0].message)
 
 
 @pytest.mark.slow

@@ -250,7 +250,7 @@ def test_a_tenth_of_the_samples_may_be_missing(project, plain, tmp_path):
         values[rng.random(len(values)) < 0.1, i] = np.nan
     code, said = estimated(project, write(tmp_path / "missing.csv", head, values))
     assert code == 0, said
-    assert "samples are missing" in said
+    assert "missing samples in the file" in said
     found = result(project)["/smoothed/side"]
     assert np.linalg.norm(found - plain[1]["/smoothed/side"]) < 0.02 * np.linalg.norm(found)
 

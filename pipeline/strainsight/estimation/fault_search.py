@@ -4,7 +4,7 @@ evidence of the grid filter."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -63,15 +63,14 @@ FEWEST = 3
 class Diagnosis:
     """Whether a record is inconsistent with its model, and why. as_it_is: the record without a fault; reference: its evidence
     with the most likely intensity of the unknown loads, and what their model does not resolve; check: each channel
-    against the prediction by all others, or one step ahead if no fault was searched or a load is wrong; without (m,): ratio
-    of innovations to their claim without each channel, else empty; tried: evaluated faults; named: the fault that explains
-    the record, None if none or several do; candidates: all that do, best first; shifted: mode too far from the model, if no
-    fault explains the record; pattern: of an unmodelled load; searched: whether a fault was searched."""
+    against the prediction by all others, or one step ahead if no fault was searched or a load is wrong (`by_others`); tried:
+    evaluated faults; named: the fault that explains the record, None if none or several do; candidates: all that do, best
+    first; shifted: mode too far from the model, if no fault explains the record; pattern: of an unmodelled load; searched:
+    whether a fault was searched."""
 
     inconsistent: bool
     as_it_is: Explained
     check: ChannelCheck
-    without: np.ndarray = field(default_factory=lambda: np.zeros(0))
     tried: tuple[Explained, ...] = ()
     named: Explained | None = None
     candidates: tuple[Explained, ...] = ()
@@ -120,7 +119,7 @@ def _check_ahead(record: CheckRecord, grid_run: GridRun) -> ChannelCheck:
     samples, whitened = record.samples[span], grid_run.run.whitened[record.sampled, 0][span]
     foreseen = samples - grid_run.run.innovation[record.sampled, 0][span]
     residual = np.sqrt(np.nansum(whitened**2, axis=0) / np.maximum(np.isfinite(whitened).sum(axis=0), 1))
-    return replace(check_channels(samples, foreseen, np.ones_like(foreseen)), residual=residual)
+    return replace(check_channels(samples, foreseen, np.ones_like(foreseen), by_others=False), residual=residual)
 
 
 def search_faults(
@@ -144,12 +143,12 @@ def search_faults(
         check = _check_ahead(record, grid_run)
         return Diagnosis(bool(candidates), as_it_is, check, tried=tuple(tried), named=named, candidates=candidates)
     left_out = _predict_each_channel(record, lambda share: progress(0.4 * share))
-    check, without = _compare_channels(record, left_out)
+    check, without = _compare_channels(record, left_out), np.array([one.ratio for one in left_out])
     order = np.argsort(np.where(np.isfinite(without), without, np.inf), kind="stable")
     alone = np.flatnonzero(without <= BELIEVABLE)
     if m <= len(record.model.unknowns.inputs):
         # any reading can be caused by some load: only the configured loads could exclude it
-        return Diagnosis(False, as_it_is, check, without)
+        return Diagnosis(False, as_it_is, check)
     if m == 1:
         # a single channel cannot distinguish a channel fault from a load fault
         wanted = [
@@ -177,7 +176,7 @@ def search_faults(
         tried += [] if hum is None else [hum]
     unresolved = UNRESOLVED * (reference.evidence - as_it_is.evidence) if np.isfinite(as_it_is.evidence) else 0.0
     named, candidates = choose_fault(reference.evidence, tried, MARGIN + unresolved)
-    finding = Diagnosis(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates)
+    finding = Diagnosis(bool(candidates), as_it_is, check, tuple(tried), named, candidates)
     shifted = shifted_mode(record.model, record.considered, run)
     return replace(finding, reference=reference.evidence + unresolved, shifted=shifted)
 
@@ -237,8 +236,8 @@ def _as_channel_fault(fault: Fault) -> Fault:
     return Fault(fault.kind, 0, amount)
 
 
-def check_by_others(record: CheckRecord, progress: Callable[[float], None]) -> tuple[ChannelCheck, np.ndarray]:
-    """Each channel against the prediction by all others, and the ratio (m,) of innovations without it."""
+def check_by_others(record: CheckRecord, progress: Callable[[float], None]) -> ChannelCheck:
+    """Each channel against the prediction by all others."""
     return _compare_channels(record, _predict_each_channel(record, progress))
 
 
@@ -250,11 +249,11 @@ def _predict_each_channel(record: CheckRecord, progress: Callable[[float], None]
     return left_out
 
 
-def _compare_channels(record: CheckRecord, left_out: Sequence[PredictedChannel]) -> tuple[ChannelCheck, np.ndarray]:
+def _compare_channels(record: CheckRecord, left_out: Sequence[PredictedChannel]) -> ChannelCheck:
     span = slice(*record.span or (None,))
     predicted = np.column_stack([one.predicted for one in left_out])[span]
     std = np.hypot(np.column_stack([one.std for one in left_out]), record.noise)[span]
-    return check_channels(record.samples[span], predicted, std), np.array([one.ratio for one in left_out])
+    return check_channels(record.samples[span], predicted, std)
 
 
 @dataclass(frozen=True)

@@ -220,17 +220,21 @@ def at_limit(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ChannelCheck:
-    """Channels against their prediction: RMS (m,) of both, RMS (m,) of the residual over its σ, correlation (m,)."""
+    """Channels against their prediction: RMS (m,) of both, RMS (m,) of the residual over its σ, correlation (m,); by_others:
+    each is predicted from all other channels, else one step ahead from all channels."""
 
     measured: np.ndarray
     predicted: np.ndarray
     residual: np.ndarray
     correlation: np.ndarray
+    by_others: bool
 
 
-def check_channels(measured: np.ndarray, predicted: np.ndarray, std: np.ndarray) -> ChannelCheck:
+def check_channels(
+    measured: np.ndarray, predicted: np.ndarray, std: np.ndarray, by_others: bool = True
+) -> ChannelCheck:
     """Compare channels with their prediction; measured, predicted, std (T, m) of the residual [unit of the channel], NaN if
-    missing.
+    missing; by_others: see `ChannelCheck`.
 
     NaN for a channel without samples, and for the correlation of a constant one."""
     both = np.isfinite(measured) & np.isfinite(predicted)
@@ -244,7 +248,7 @@ def check_channels(measured: np.ndarray, predicted: np.ndarray, std: np.ndarray)
     moving_y, moving_p = (np.where(both, values - mean(values), 0.0) for values in (y, p))
     with np.errstate(invalid="ignore", divide="ignore"):
         together = mean(moving_y * moving_p) / np.sqrt(mean(moving_y**2) * mean(moving_p**2))
-    return ChannelCheck(np.sqrt(mean(y**2)), np.sqrt(mean(p**2)), np.sqrt(mean(z**2)), together)
+    return ChannelCheck(np.sqrt(mean(y**2)), np.sqrt(mean(p**2)), np.sqrt(mean(z**2)), together, by_others)
 
 
 def approximate_density(

@@ -96,8 +96,8 @@ def _check_stretch(part: CheckRecord, whole: CheckRecord, discrepancy: float, pr
         worst = _worst_of(part, as_it_is[1])
     if worst[2] > SPIKE and (spikes := find_spikes(part)) is not None:
         without, best = spikes
-        check, ratios = check_by_others(without, progress)
-        finding = Diagnosis(True, as_it_is[0], check, ratios, (best,), best, (best,))
+        check = check_by_others(without, progress)
+        finding = Diagnosis(True, as_it_is[0], check, tried=(best,), named=best, candidates=(best,))
         return RecordCheck(finding, part, worst, _moving(part))
     finding = examine_record(part, discrepancy, progress, as_it_is)
     if finding.searched and (pattern := _unmodelled_load(part, as_it_is, finding)) is not None:

@@ -61,7 +61,7 @@ def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step
                 notes.extend(more)
         missing = np.isnan(calibrated)
         if missing.any():
-            notes.append(f"{name}: samples are missing ({missing.sum()} of {missing.size})")
+            notes.append(f"{name}: missing samples in the file: {missing.sum()} of {missing.size}")
             notes.extend(_stretch(name, missing, recording.time))
         notes.extend(done)
         with blame(name):

@@ -52,7 +52,7 @@ class Reading:
 
     @property
     def missing(self) -> int:
-        """Number of missing samples."""
+        """Number of missing samples on the clock of the filter, without the first sample of the record."""
         return int(np.count_nonzero(np.isnan(self.measured)))
 
 

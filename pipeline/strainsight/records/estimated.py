@@ -86,7 +86,7 @@ class HoldOut:
 
 @record
 class ChannelsChecked:
-    """Comparison of every channel with its prediction from the others."""
+    """Comparison of every channel with its prediction from the others, or one step ahead."""
 
     by_others: bool = dataset(
         "1",

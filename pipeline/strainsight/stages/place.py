@@ -19,7 +19,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=32,
+    version=33,
     reads=(
         "seed",
         "mesh.length_unit",

@@ -19,7 +19,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=34,
+    version=35,
     reads=(
         "damping",
         *(

@@ -85,7 +85,7 @@ def findings(**changes):
         innovations="the innovations are as large as expected from the configured noise",
         consistent=True,
         warnings=(),
-        notes=("G1: samples are missing (1 of 4001)",),
+        notes=("G1: missing samples in the file: 1 of 4001",),
         layout=own,
         histories=(
             history("side", load(), 60.0),

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from strainsight.experiment.structure.campaign_text import channel_table
 from strainsight.pages.chart.drawing import recorded_figures
 from strainsight.pages.chart.files import figure_csv
 from strainsight.pages.picture.geometry import at_points
 from strainsight.pages.tested.figures import figures_of_test, load_figure, reading_figure, spectrum_figure
 from strainsight.pages.tested.page import page_of_test
+from strainsight.records.estimated import ChannelsChecked
 
 from ...models import compute_once
 from ...shared import slowly
@@ -93,9 +96,25 @@ def test_missing_samples_are_counted_and_never_drawn_across():
     text = page_of_test(missing(), drawn, ())
     assert shown(text, "G1")[-1] == 2100
     assert shown(text, "G2") == [SAMPLES]  # and dashes for what cannot be known of it
-    assert "Missing samples: 2100 of 4000" in text
+    assert "Missing samples in the filter: 2100 of 4000" in text
+    assert "G1: missing samples in the file: 1 of 4001" in text
+    assert re.search(r"<th[^>]*>missing samples in the filter</th>", text)
     assert "No spectrum of G2: too few consecutive samples" in text
     assert missing().readings[1].missing == SAMPLES
+
+
+@pytest.mark.parametrize("by_others", [True, False])
+def test_predicted_channels_have_the_heading_of_the_terminal(by_others):
+    numbers = dict.fromkeys(("measured", "predicted", "residual", "correlation", "gain"), np.ones(1))
+    check = ChannelsChecked(by_others=by_others, begin=0.0, end=1.0, fault=("sign",), candidate=(), **numbers)
+    gauge = SimpleNamespace(label=("G1",), time=np.array([0.0, 2.0]))
+    listed = channel_table(SimpleNamespace(check=check, gauge=gauge), ["strain"])
+    how = "from all other channels" if by_others else "one step ahead from all channels"
+    assert listed.title == f"readings of the channels, predicted {how}, from 0 to 1 s"
+    text = page(own=replace(findings(), checked=listed))
+    assert text.count(f">{listed.title.capitalize()}</h2>") == 1
+    assert ("Faults are listed only if" in text) is by_others
+    assert ("one step ahead" in text) is not by_others
 
 
 def test_held_out_channels_have_a_table_a_cross_plot_and_an_overlay():

@@ -17,6 +17,7 @@ from strainsight.errors import ConfigError, DeckError, blame, did_you_mean
 from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.foreign.imported_matrices import row_scale
 from strainsight.foreign.matrices.files import csv_columns, csv_lines, read_matrix
+from strainsight.mesh.units import LENGTH
 from strainsight.records.training import Training
 from strainsight.sensors.bonded import ImportedGauges, imported_pool
 from strainsight.sensors.candidates import STRAIN, Candidates
@@ -25,6 +26,32 @@ AXES = ("x", "y", "z")
 NEEDED = ("gauge", *(f"{vector}_{axis}" for vector in ("position", "direction") for axis in AXES))
 NORMAL = tuple(f"normal_{axis}" for axis in AXES)
 STRAIN_KINDS = ("strain gauge", "rosette", "bridge")
+ROUNDED = 1e-6
+"""Relative rounding error of positions and directions in a file with nine digits."""
+DIGITS = 1e-9
+"""Rounding error of coordinates in the unit of the model [unit]."""
+
+
+@dataclass(frozen=True)
+class UnusedCoordinate:
+    """Coordinate of a grid in a column that is not used (x_mm …) and differs from the position.
+
+    line: in the file; axis: 0 to 2; value [unit]; metres: one unit."""
+
+    line: int
+    grid: int
+    axis: int
+    unit: str
+    value: float
+    metres: float
+
+    def differs_in_words(self, name: str, used: float, where: str) -> str:
+        """The coordinate of a gauge and the one used [m]; where: the latter is from."""
+        column = f"{AXES[self.axis]}_{self.unit}"
+        return (
+            f"{column} of {name} is {self.value:.6g} {self.unit} in line {self.line} of the file, but "
+            f"{used / self.metres + 0.0:.6g} {self.unit} {where}"
+        )
 
 
 @dataclass(frozen=True)
@@ -32,7 +59,8 @@ class BondedPlace:
     """One gauge of g grids (the arms of a bridge).
 
     position [m], direction (g, 3); length [m] of each, None if absent; sign (g,): ±1 of a bridge arm, else 1; normal (3,):
-    outward, zero if absent; kind: in words; line: first line in the file; bridge: whether it is a bridge."""
+    outward, zero if absent; kind: in words; line: first line in the file; bridge: whether it is a bridge; unused: coordinates
+    that differ from the position."""
 
     position: np.ndarray
     direction: np.ndarray
@@ -42,6 +70,7 @@ class BondedPlace:
     kind: str
     line: int
     bridge: bool
+    unused: tuple[UnusedCoordinate, ...] = ()
 
     @property
     def angles(self) -> tuple[float, ...]:
@@ -55,8 +84,8 @@ def read_bonded(path: Path) -> dict[str, BondedPlace]:
     """Gauges by name in the order of the file: one line a channel (a bridge arm), lines of one gauge consecutive.
 
     Columns gauge, position_x … z, direction_x … z in metres; optional kind, normal_x … z, grid_length, and sign (1 or −1) of
-    bridge arms; others are ignored. Raises DeckError for a missing column, an invalid number, a zero direction, a duplicate
-    gauge, a rosette without a normal, and an invalid bridge."""
+    bridge arms. Others are not used; of them x_mm … are compared with the position. Raises DeckError for a missing column, an
+    invalid number, a zero direction, a duplicate gauge, a rosette without a normal, and an invalid bridge."""
     rows: dict[str, list[tuple[int, dict[str, str]]]] = {}
     last = ""
     for line, cells in csv_columns(path, NEEDED):
@@ -123,7 +152,25 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
         kind=cells.get("kind") or STRAIN_KINDS[len(lines) > 1 if sign is None else 2],
         line=first,
         bridge=sign is not None,
+        unused=tuple(_unused_coordinates(vectors["position"], lines)),
     )
+
+
+def _unused_coordinates(position: np.ndarray, lines: list[tuple[int, dict[str, str]]]) -> Iterator[UnusedCoordinate]:
+    """Coordinates in a unit (x_mm …) that differ from the position (g, 3) by more than rounding."""
+    rounding = ROUNDED * float(np.abs(position).max())
+    for grid, (line, cells) in enumerate(lines):
+        for column, cell in cells.items():
+            axis, _, unit = column.partition("_")
+            if axis not in AXES or unit not in LENGTH:
+                continue
+            try:
+                value = float(cell)
+            except ValueError:
+                continue
+            i, metres = AXES.index(axis), LENGTH[unit]
+            if abs(value * metres - position[grid, i]) > rounding + DIGITS * metres:
+                yield UnusedCoordinate(line, grid, i, unit, value, metres)
 
 
 def _signs(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> np.ndarray | None:
@@ -159,8 +206,7 @@ def _number(path: Path, line: int, cells: dict[str, str], column: str) -> float:
 
 
 KEY = "estimate.gauges_file"
-ROUNDED = 1e-6
-"""Relative rounding error of positions and directions in a file with nine digits."""
+USED = "position_x, position_y and position_z"
 
 
 def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarray, file: Path | None) -> dict[str, int]:
@@ -259,15 +305,24 @@ def _check_place(
             remedy=_KEPT,
         )
     allowed, off = tolerances_of(config.tolerances), np.linalg.norm(now.position - position, axis=1)
+    limit = max(allowed.position, ROUNDED * float(np.abs(was.position[0]).max()))
     worst = int(np.argmax(off))
     moved = float(off[worst])
-    if moved > max(allowed.position, ROUNDED * float(np.abs(was.position[0]).max())):
+    if moved > limit:
         raise ConfigError(
             f"{name} was bonded at {_xyz(position[worst])} m, but its position in the current layout is "
             f"{_xyz(now.position[worst])} m, at a distance of {1e3 * moved:.3g} mm",
             key=key,
             remedy=_KEPT,
         )
+    for one in was.unused:
+        used = float(now.position[of_file.tolist().index(one.grid), one.axis])
+        if abs(one.value * one.metres - used) > limit:
+            raise ConfigError(
+                f"{one.differs_in_words(name, used, 'in the current layout')}; this column is not used",
+                key=KEY,
+                remedy=f"Enter the bonded position in {USED} [m], and set gauges.fixed_file to this file instead of {KEY}.",
+            )
     along = np.sum(now.direction * direction, axis=1)
     if channels.quantity[0] == STRAIN:
         along = np.abs(along)  # a gauge rotated by 180° reads the same

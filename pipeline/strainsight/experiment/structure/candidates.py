@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, sites_of, strain_candidates, zone_of
 from strainsight.experiment.recorded import named_regions
-from strainsight.experiment.structure.bonded_gauges import STRAIN_KINDS, BondedPlace, read_bonded
+from strainsight.experiment.structure.bonded_gauges import AXES, STRAIN_KINDS, USED, BondedPlace, read_bonded
 from strainsight.experiment.structure.references import families
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter
 from strainsight.fem.by_region import interpolated
@@ -41,6 +42,8 @@ from strainsight.sensors.surface_paths import skin_of
 from strainsight.sensors.zones import admissible, inside
 
 FILE = "gauges.fixed_file"
+SHOWN = 3
+"""Number of coordinates that a warning lists."""
 NUMBERS_AT_A_TIME = 2**22
 """Largest number of readings in memory at a time."""
 
@@ -149,11 +152,14 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
 def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
     """Bonded gauges of the config, then those of the file `gauges.fixed_file`.
 
-    Raises ConfigError for a duplicate name, and for a line of the file that is not a strain gauge."""
+    Warns of coordinates in the file that differ from the position. Raises ConfigError for a duplicate name, and for a line of
+    the file that is not a strain gauge."""
     entries = [_bonded_entry(gauges, i, entry) for i, entry in enumerate(gauges.fixed)]
     if file is not None:
         with blame(FILE):
-            entries += [_entry(gauges, file, name, place) for name, place in read_bonded(file).items()]
+            places = read_bonded(file)
+            entries += [_entry(gauges, file, name, place) for name, place in places.items()]
+        _warn_of_unused(places)
     names = [entry.name for entry in entries]
     for i, entry in enumerate(entries):
         if entry.name and entry.name in names[:i]:
@@ -163,6 +169,21 @@ def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
                 remedy="Rename one of these gauges in gauges.fixed or in the file of gauges.fixed_file.",
             )
     return entries
+
+
+def _warn_of_unused(places: Mapping[str, BondedPlace]) -> None:
+    """Warn of coordinates (x_mm …) that differ from the position, which is used."""
+    texts = [
+        one.differs_in_words(name, float(place.position[one.grid, one.axis]), f"in position_{AXES[one.axis]}")
+        for name, place in places.items()
+        for one in place.unused
+    ]
+    if texts:
+        shown = "; ".join(texts[:SHOWN]) + " …" * (len(texts) > SHOWN)
+        warnings.warn(
+            f"{FILE}: {shown}. Only {USED} are used. Enter the bonded position there, and correct or delete the other columns.",
+            stacklevel=2,
+        )
 
 
 def _bonded_entry(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> BondedEntry:

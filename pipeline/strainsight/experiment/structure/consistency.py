@@ -152,7 +152,6 @@ def check_consistency(
     by_channel = record_from(
         ChannelsChecked,
         finding.check,
-        by_others=bool(len(finding.without)),
         begin=time_of(test, check.part[0]),
         end=time_of(test, check.part[1] - 1),
         fault=tuple("" if one is None else words.of(one)[0] for one in best),

@@ -111,7 +111,7 @@ class Findings:
     innovations: sentence on them; consistent: whether they are consistent; warnings: most serious first, beginning with
     the reason for a withheld σ; notes: operations on the measurements;
     histories: unknowns over time; readings: in the order of the config; residuals: their spectra; hold_out: gauges that the
-    filter does not use; checked: every channel compared with the others; damage: hot spots and virtual gauges, None if not
+    filter does not use; checked: every channel compared with its prediction; damage: hot spots and virtual gauges, None if not
     requested; moment: None without a surface; facts: results by stage; record: its name if the test has several;
     other_records: (name, page) of them; page: of this record; inside: share of the innovations within 2σ;
     consistency: of the record with the model and the others."""

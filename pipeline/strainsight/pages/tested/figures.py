@@ -130,7 +130,7 @@ def reading_figure(reading: Reading) -> Drawing:
     caption = f"Residual {left} {unit} RMS; configured noise σ {number(noise, 3)} {unit} (dashed: ±2σ)"
     caption += "; below, detail around the largest reading." if close else "."
     if reading.missing:
-        caption += f" Missing samples: {reading.missing} of {len(time)}."
+        caption += f" Missing samples in the filter: {reading.missing} of {len(time)}."
     if reading.offset is not None:
         mean, sigma = (number(value / factor, 3) for value in reading.offset)
         caption += f" The estimated offset of {mean} ± {sigma} {unit} is subtracted from the reading."

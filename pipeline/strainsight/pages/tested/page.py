@@ -39,7 +39,8 @@ from strainsight.pages.tested.data import Findings, Map, TestedUnknown, peak_of
 from strainsight.pages.tested.figures import hold_out_section, reading
 from strainsight.pages.view.viewing import FACETS, Panel, View
 from strainsight.records.estimated import TestSource
-from strainsight.text import listed, number, quantity
+from strainsight.runner.output import Table
+from strainsight.text import capital, listed, number, quantity
 
 LOUD = 1.5
 """RMS of the residual relative to the configured noise from which it is marked, if the record is inconsistent."""
@@ -118,12 +119,21 @@ def _channels(report: Findings) -> str:
         )
     text = table(
         "channels",
-        ("channel", "RMS reading", "RMS residual", "residual / noise", "largest reading", "at time", "missing samples"),
+        (
+            "channel",
+            "RMS reading",
+            "RMS residual",
+            "residual / noise",
+            "largest reading",
+            "at time",
+            "missing samples in the filter",
+        ),
         rows,
         title="<h2>Channels</h2>",
         caption="Residual: measured − reconstructed. Residual / noise: RMS residual divided by the configured noise; "
-        "at most about 1 for an exact model. Model errors increase it, but a record with errors within the config section "
-        "`tolerances` is consistent.",
+        "at most about one for an exact model. Model errors increase it, but a record with errors within the config section "
+        "`tolerances` is consistent. Missing samples in the filter: without the first sample of the record, whose reading the "
+        "filter does not use. Missing samples in the file are listed with the processing of the record.",
         numeric=range(1, 7),
     )
     return f'<div class="card without">{text}</div>'
@@ -190,10 +200,10 @@ READINGS = "Measured and reconstructed readings of each channel; below, the resi
 NOT_TESTED = "No gauge was held out: predictions at positions without gauges were not tested."
 
 CHECKED = (
-    "RMS predicted: RMS of the prediction of the channel from the other channels. Residual / σ is about 1 for channels that are "
-    "consistent with the other channels. The most likely fault is also listed if the record is "
-    "consistent with the model; in this case it has little significance."
+    "RMS predicted: RMS of the predicted readings of the channel. Residual / σ: RMS of measured − predicted, divided by the "
+    "standard deviation of this difference; about 1 for a channel that is consistent with the prediction."
 )
+FAULTS = " Faults are listed only if the record is inconsistent with the model."
 
 
 def page_of_test(
@@ -209,7 +219,7 @@ def page_of_test(
         folded(
             select_figures(drawings, "reading-"), "multiples", titled("Measured and reconstructed readings", READINGS)
         ),
-        sections.listing_section("Channels predicted from the other channels", report.checked, range(1, 5), CHECKED),
+        checked_section(report.checked),
         hold_out_section(report.hold_out, select_figures(drawings, "hold-out-")),
         _residuals(report, drawings),
         figures(select_figures(drawings, "load-", "resultant-", "spectrum-", "known-"), "<h2>Loads</h2>"),
@@ -225,6 +235,14 @@ def page_of_test(
         sections.provenance_section(report.facts, report.provenance),
     )
     return sections.document("test", report.name, report.title, answer(report), parts, FOOTER, turned=True)
+
+
+def checked_section(checked: Table | None) -> str:
+    """Every channel and its prediction, under the heading that the table has in the terminal."""
+    if checked is None:
+        return ""
+    lead = CHECKED + FAULTS * ("most likely fault" in checked.columns)
+    return sections.listing_section(capital(checked.title), checked, range(1, 5), lead)
 
 
 def _residuals(report: Findings, drawings: tuple[Drawing, ...]) -> str:
