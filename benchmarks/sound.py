@@ -205,7 +205,7 @@ def record(folder: Path, study: Study, number: int) -> tuple[str, float]:
     """How a record ended, and its largest error over σ."""
     own = prepared(folder, replace(study, sensors="gauges", start="moving"))
     rng, tolerant = np.random.default_rng([11, number]), number % 2 == 0
-    exact = "{position: 0, angle: 0, transverse: 0, common_gain: 0, load_angle: 0, load_position: 0, frequency: 0, "
+    exact = "{position: 0, angle: 0, transverse: 0, common_gain: 0, load_angle: 0, load_position: 0, load_mass: 0, frequency: 0, "
     tolerances = exact + f"gain: {GAIN}, load_gain: {LOAD_GAIN}, damping: {DAMPING}}}" if tolerant else "none"
     case = api.load(own.file, [f"tolerances={tolerances}"])
     structure = Structure(case.config, case.files, own.mesh, own.reduced, own.training)

@@ -13,7 +13,7 @@ from strainsight.experiment.structure.truth import truth_of
 
 from ..edges.beam import bricks, prepared
 
-NOTHING = {"position": 0, "angle": 0, "gain": 0, "common_gain": 0, "transverse": 0, "damping": 1, "frequency": 0,
+NOTHING = {"position": 0, "angle": 0, "gain": 0, "common_gain": 0, "transverse": 0, "damping": 1, "frequency": 0, "load_mass": 0,
            "discrepancy": 0, "load_angle": 0, "load_position": 0, "load_gain": 0}  # fmt: skip
 
 

@@ -40,7 +40,8 @@ NOISE, SEED = 0.01, 3
 TRUE_E = 1e6 * SOFTER * GUESS
 """[Pa]"""
 EXACT = dict.fromkeys(
-    ("position", "angle", "gain", "common_gain", "transverse", "load_angle", "load_position", "load_gain", "frequency"), 0
+    ("position", "angle", "gain", "common_gain", "transverse", "load_angle", "load_position", "load_gain", "load_mass",
+     "frequency"), 0
 )
 """Nothing of this record was installed wrongly; damping stays open by the default factor of 1.5."""
 WALK = {"model": "integrated_random_walk", "frequency": 40.0, "amplitude": 300}

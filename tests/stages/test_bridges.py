@@ -222,7 +222,7 @@ UPRIGHT = {
     "process_noise": {"model_error": 1e-9},
 }
 """Gauges on top and bottom of a beam that is bent about y, for E."""
-EXACT = ("position", "angle", "common_gain", "transverse", "load_angle", "load_position", "load_gain", "discrepancy")
+EXACT = ("position", "angle", "common_gain", "transverse", "load_angle", "load_position", "load_gain", "load_mass", "discrepancy")
 ONLY = {"damping": 1} | dict.fromkeys((*EXACT, "gain"), 0)
 
 

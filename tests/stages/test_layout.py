@@ -158,7 +158,7 @@ def test_a_modulus_under_a_slow_load_is_seen_in_the_readings_themselves(screened
 
 def test_places_of_small_errors_take_turns_with_strong_ones(screened):
     """Of E beside errors of place alone: those that read most over noise, and those over noise and τ v/h, in turn."""
-    names = ("angle", "gain", "common_gain", "transverse", "frequency", "load_angle", "load_position", "load_gain")
+    names = ("angle", "gain", "common_gain", "transverse", "frequency", "load_angle", "load_position", "load_gain", "load_mass")
     exact = dict.fromkeys(names, 0) | {"damping": 1}
     found = screened({"tolerances": exact | {"position": 0.005}}).screened
     rms = found.snr * found.noise_std

@@ -30,6 +30,7 @@ ESTIMATE = Stage(
     version=42,
     reads=(
         "seed",
+        "mesh.point_masses",
         "loads",
         "parameters",
         "process_noise",

@@ -279,7 +279,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 TEST = Stage(
     "test",
-    version=8,
+    version=9,
     reads=("name", "seed", "loads", "place.estimate", "estimate.virtual"),
     upstream=("import", "rom", "train", "screen", "place", "estimate"),
     files=(),

@@ -23,6 +23,7 @@ PLACE = Stage(
     reads=(
         "seed",
         "mesh.length_unit",
+        "mesh.point_masses",
         "loads.*.node",
         "loads.*.set",
         "loads.*.deck_load",

@@ -185,7 +185,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=25,
+    version=26,
     reads=(
         "name",
         "seed",

@@ -24,6 +24,7 @@ VALIDATE = Stage(
         "damping",
         *(
             "seed",
+            "mesh.point_masses",
             "parameters",
             "loads",
             "process_noise",

@@ -52,6 +52,7 @@ from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
 from strainsight.experiment.structure.start import ringing_in_words
 from strainsight.experiment.structure.structure import Structure
+from strainsight.experiment.structure.tolerated_masses import sensor_masses_in_words
 from strainsight.experiment.system import Resources
 from strainsight.loads.histories import instant_values
 from strainsight.loads.linearisation import linearise, measurement_rows
@@ -102,7 +103,10 @@ def placement_of(
     bonded = listed.bonded.tolist()
     advice = (
         *filter(None, (_ringing(problem, config) for problem in subject.problems)),
-        *filter(None, not_held_in_words(structure)),
+        *filter(
+            None,
+            (*not_held_in_words(structure), sensor_masses_in_words(structure, training.candidates.channels(gauges))),
+        ),
         *unresolved_gauges(listed),
         *hot_spot_advice(hot, listed.labels, bonded),
         *advice_at_gauges(sites, listed.labels, bonded),

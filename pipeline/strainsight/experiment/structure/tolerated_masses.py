@@ -8,19 +8,23 @@ from strainsight.estimation.conditional import acceleration_rows, theta_at
 from strainsight.estimation.model import FilterModel
 from strainsight.experiment.structure.structure import Structure
 from strainsight.mesh.additions import nodes_at
-from strainsight.rom.model import ReducedModel, modal_basis
+from strainsight.rom.model import modal_basis
+from strainsight.sensors.candidates import ACCELERATION
 
 BY_MODE = 0.5
 """σ of the frequency error of a single mode, relative to that common to all modes."""
+TYPICAL_MASS, LEAST_SHIFT = 0.01, 1e-3
+"""Mass of an accelerometer with cable [kg], and the smallest relative change of a frequency that is reported."""
 SHARE, MOST = 0.999, 6
 """Share of the inertial readings in training covered by modes with separate frequency errors, and most such modes."""
 
 
 def load_mass_std(structure: Structure) -> np.ndarray:
-    """σ (n_u,) of the mass that the model lacks at each force [kg]; 0 for other loads."""
-    loads, std = structure.config.loads, structure.tolerances.load_mass
-    forces = [loads[name].unit == "N" for name in structure.reduced.model.inputs]
-    return np.where(forces, std * structure.mass if std > 0 else 0.0, 0.0)
+    """σ (n_u,) of the mass that the model lacks at each unknown force [kg]; 0 for other loads."""
+    config, std = structure.config, structure.tolerances.load_mass
+    names = structure.reduced.model.inputs
+    unknown = [config.loads[name].unit == "N" and name in config.place.estimate for name in names]
+    return np.where(unknown, std * structure.mass if std > 0 and any(unknown) else 0.0, 0.0)
 
 
 def inertia_rows(mass: np.ndarray, model: FilterModel) -> np.ndarray:
@@ -33,45 +37,60 @@ def inertia_rows(mass: np.ndarray, model: FilterModel) -> np.ndarray:
     return np.asarray((mass[unknown] / model.amplitude)[:, None] * accelerations)
 
 
-def mass_errors(
-    structure: Structure, model: ReducedModel, turned: np.ndarray, field: np.ndarray, known_only: bool = False
-) -> tuple[np.ndarray, ...]:
-    """Mass errors σ s sᵀ in the coordinates of the model: a factor √σ s (n, a) of each uncertain mass, which moves along a axes.
+def sensor_masses_in_words(structure: Structure, channels: np.ndarray) -> str:
+    """Warning if accelerometers (channels (m,) of train.h5) without mass in the model would change the first frequency by more
+    than its tolerance; else empty. Each has TYPICAL_MASS along its axis."""
+    training, model = structure.training, structure.reduced.model
+    moving = channels[training.candidates.quantity[channels] == ACCELERATION]
+    _, phi = modal_basis(model, model.reference)
+    fall = 0.5 * TYPICAL_MASS * float(np.sum((training.rows[moving] @ phi[:, 0]) ** 2))
+    if structure.config.mesh.point_masses or fall <= max(structure.tolerances.frequency, LEAST_SHIFT):
+        return ""
+    return (
+        f"the model has no masses of the {len(moving)} accelerometers: with {1e3 * TYPICAL_MASS:g} g each, mode 1 falls by "
+        f"{100 * fall:.2g} %, but tolerances.frequency is {100 * structure.tolerances.frequency:g} %. Add their masses to "
+        "mesh.point_masses"
+    )
 
-    Masses at forces have the input shapes of three perpendicular unit forces as s; point masses with `std` the displacements of
-    their nodes. turned (n, n_u, 2): change of the input shape by rotations of the forces [1/rad]; field (3 nodes, n):
-    displacement of all nodes per coordinate; known_only: without masses at unknown loads."""
-    config = structure.config
-    along = np.concatenate([model.input_shape[:, :, None], turned], axis=2)
-    wanted = [config.loads[name].known or not known_only for name in model.inputs]
-    factors = [np.sqrt(std) * along[:, i] for i, std in enumerate(load_mass_std(structure)) if wanted[i]]
-    for entry in config.mesh.point_masses.values():
+
+def point_mass_errors(structure: Structure, field: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Errors m mᵀ of the mass matrix by each uncertain point mass: m (n, a) in the coordinates of field (3 nodes, n), the
+    displacement of all nodes."""
+    factors = []
+    for entry in structure.config.mesh.point_masses.values():
         nodes = nodes_at(structure.mesh, entry.node, entry.set)
-        share = np.sqrt(entry.std / len(nodes))
-        factors.append(share * field.reshape(-1, 3, field.shape[1])[nodes].reshape(3 * len(nodes), -1).T)
-    return tuple(factor for factor in factors if factor.any())
+        moved = field.reshape(-1, 3, field.shape[1])[nodes].reshape(3 * len(nodes), -1)
+        factors += [np.sqrt(entry.std / len(nodes)) * moved.T] * (entry.std > 0)
+    return tuple(factors)
+
+
+def mass_errors(
+    structure: Structure, input_shape: np.ndarray, turned: np.ndarray, field: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """`point_mass_errors`, and those of the masses at unknown forces. Their motion is the input shape (n, n_u) of three
+    perpendicular unit forces; turned (n, n_u, 2): its change by rotations of the force [1/rad]."""
+    shapes = np.concatenate([input_shape[:, :, None], turned], axis=2)
+    at_loads = (np.sqrt(std) * shapes[:, i] for i, std in enumerate(load_mass_std(structure)) if std > 0)
+    return (*at_loads, *point_mass_errors(structure, field))
 
 
 def frequency_errors(structure: Structure, rows: np.ndarray) -> tuple[np.ndarray, int]:
     """σ (k, n) of ln ω of n modes: one common error, one for every mode that channels with these rows (m, n) measure, and one
-    for every uncertain mass, except those at unknown loads (`inertia_std`); and the number of the latter.
+    for every uncertain point mass; and the number of the latter. Masses at unknown loads: `inertia_std`.
 
-    Inertia of mode j adds −q̈ⱼ/λⱼ to its static response. A mass error dm = σ s sᵀ changes, to first order (Rayleigh),
+    Inertia of mode j adds −q̈ⱼ/λⱼ to its static response. A mass error m mᵀ changes, to first order (Rayleigh),
 
-        d ln ωⱼ = −½ φⱼᵀ dm φⱼ
+        d ln ωⱼ = −½ (φⱼᵀ m)(mᵀφⱼ)
     """
     model, std = structure.reduced.model, structure.tolerances.frequency
     n = model.size
     if structure.config.train.model == "static":
         return np.zeros((0, n)), 0
     lam, phi = modal_basis(model, model.reference)
-    turned = structure.reduced.misaligned.shape[..., :2]
-    by_mass = [
-        -0.5 * np.sum((phi.T @ s) ** 2, axis=1)
-        for s in mass_errors(structure, model, turned, structure.reduced.basis, True)
-    ]
+    errors = point_mass_errors(structure, structure.reduced.basis)
+    by_mass = np.array([-0.5 * np.sum((phi.T @ m) ** 2, axis=1) for m in errors]).reshape(-1, n)
     if std == 0:
-        return np.array(by_mass).reshape(-1, n), len(by_mass)
+        return by_mass, len(by_mass)
     square = (rows * np.sqrt(np.mean(structure.training.acceleration**2, axis=0)) / lam) ** 2
     whole = square.sum(axis=1, keepdims=True)
     share = np.divide(square, whole, out=np.zeros_like(square), where=whole > 0).mean(axis=0)
@@ -79,4 +98,4 @@ def frequency_errors(structure: Structure, rows: np.ndarray) -> tuple[np.ndarray
     before = np.cumsum(share[order]) - share[order]
     each = np.sort(order[before < SHARE * share.sum()])
     of_modes = std * np.concatenate([np.ones((1, n)), BY_MODE * np.eye(n)[each]])
-    return np.concatenate([of_modes, np.array(by_mass).reshape(-1, n)]), len(by_mass)
+    return np.concatenate([of_modes, by_mass]), len(by_mass)

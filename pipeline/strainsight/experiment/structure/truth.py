@@ -84,6 +84,10 @@ def _some_known(config: PlacementConfig) -> bool:
     return any(name not in config.place.estimate for name in config.loads)
 
 
+def _some_unknown_force(config: PlacementConfig) -> bool:
+    return any(load.unit == "N" and name in config.place.estimate for name, load in config.loads.items())
+
+
 def misaligned_loads(config: PlacementConfig) -> bool:
     """Whether loads have direction or point errors."""
     tolerances = tolerances_of(config.tolerances)
@@ -96,8 +100,8 @@ def model_of(
     """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, masses (`mass_errors`)
     M + Σ sᵢ m mᵀ, and stiffness K exp(s σ).
 
-    s, sᵢ: standard normal, sᵢ per mode or mass. `damping_factor` of `validate.truth` replaces sampled damping. The stiffness is
-    unchanged if a modulus is estimated."""
+    s, sᵢ: standard normal, sᵢ per mode; |sᵢ| for masses, which a model lacks. `damping_factor` of `validate.truth` replaces
+    sampled damping. The stiffness is unchanged if a modulus is estimated."""
     tolerances, damping_factor = tolerances_of(config.tolerances), config.validation.truth.damping_factor
     rng = np.random.default_rng([config.seed, realisation, MODEL])
     scale = np.exp(tolerances.model * rng.standard_normal())
@@ -113,7 +117,7 @@ def model_of(
         f = np.exp(tolerances.frequency * (common + BY_MODE * by_mode[same]))
         model = replace(model, mass=model.mass.of_all(lambda X: X / np.outer(f, f)))
     if masses:
-        added = sum(rng.standard_normal() * (m @ m.T) for m in masses)
+        added = sum(abs(rng.standard_normal()) * (m @ m.T) for m in masses)
         model = replace(model, mass=replace(model.mass, constant=model.mass.constant + added))
     if tolerances.model > 0 and not modulus_estimated(config):
         model = replace(model, stiffness=model.stiffness.of_all(lambda X: scale * X))
@@ -128,7 +132,7 @@ def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
     )
     sources = (
         ("frequency", 100, "natural frequencies {:g} %", True),
-        ("load_mass", 100, "mass at each force {:g} % of the structure", True),
+        ("load_mass", 100, "mass at each unknown force {:g} % of the structure", _some_unknown_force(config)),
         ("model", 100, "stiffness {:g} %", not modulus_estimated(config)),
         ("position", 1e3, "gauge position {:g} mm per axis", moved and settings.gauge_offset is None),
         ("angle", 1, "gauge angle {:g}°", moved and settings.gauge_rotation is None),
@@ -268,7 +272,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     if structure.tolerances.load_mass > 0 or config.mesh.point_masses:
         turned = misalignment_shapes(built.model, list(loads.values()))[..., :2]
         along = np.einsum("ia,iuk->auk", basis, turned)
-        masses = mass_errors(structure, model, along, nodal(built.model, basis))
+        masses = mass_errors(structure, model.input_shape, along, nodal(built.model, basis))
 
     def sample(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
         installation = installation_of(config, pool, realisation).take(pool, gauges)
