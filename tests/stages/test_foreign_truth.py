@@ -37,7 +37,7 @@ def studies(tmp_path_factory):
 def test_a_wrong_model_is_covered_or_named(studies, name, outcome):
     kind = OF_NAME[name]
     study = studies[kind.load]
-    assert foreign.record(study, replace(study.truth, kind=kind), 1).judged(kind.cause) == outcome
+    assert foreign.record(study, replace(study.truth, kind=kind), 1).column(kind.cause) == outcome
 
 
 def test_the_deck_has_the_frequencies_of_the_other_code(studies):
