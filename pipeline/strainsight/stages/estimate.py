@@ -27,7 +27,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=41,
+    version=42,
     reads=(
         "seed",
         "loads",

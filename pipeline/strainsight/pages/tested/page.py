@@ -39,7 +39,7 @@ from strainsight.pages.tested.data import Findings, Map, TestedUnknown, peak_of
 from strainsight.pages.tested.figures import hold_out_section, reading
 from strainsight.pages.view.viewing import FACETS, Panel, View
 from strainsight.records.estimated import TestSource
-from strainsight.text import listed, number, quantity
+from strainsight.text import capital, listed, number, quantity
 
 LOUD = 1.5
 """RMS of the residual relative to the configured noise from which it is marked, if the record is inconsistent."""
@@ -71,8 +71,8 @@ def _estimate_text(unknown: TestedUnknown) -> str:
 def findings_screen(report: Findings) -> str:
     """Unknowns, consistency of the record, channels, and warnings. Every number is a `data` element."""
     good = report.consistent
-    words = mark(escape(_sentence(report.innovations)), good)
-    consistency = tile("consistency of record, model and noise", "consistent" if good else "inconsistent", after=words)
+    words = mark(escape(_sentence(report.innovations)), good) if report.innovations else ""
+    consistency = tile("consistency of record and model", "consistent" if good else "inconsistent", after=words)
     return sections.first_screen(
         "".join(map(_tile, report.unknowns)) + consistency, _channels(report), _cautions(report)
     )
@@ -190,9 +190,8 @@ READINGS = "Measured and reconstructed readings of each channel; below, the resi
 NOT_TESTED = "No gauge was held out: predictions at positions without gauges were not tested."
 
 CHECKED = (
-    "RMS predicted: RMS of the prediction of the channel from the other channels. Residual / σ is about 1 for channels that are "
-    "consistent with the other channels. The most likely fault is also listed if the record is "
-    "consistent with the model; in this case it has little significance."
+    "RMS predicted: RMS of this prediction. Residual / σ is about 1 for channels that are consistent with it. The most likely "
+    "fault of a channel is listed only if the record is inconsistent with the model."
 )
 
 
@@ -209,7 +208,9 @@ def page_of_test(
         folded(
             select_figures(drawings, "reading-"), "multiples", titled("Measured and reconstructed readings", READINGS)
         ),
-        sections.listing_section("Channels predicted from the other channels", report.checked, range(1, 5), CHECKED),
+        sections.listing_section(
+            "" if report.checked is None else capital(report.checked.title), report.checked, range(1, 5), CHECKED
+        ),
         hold_out_section(report.hold_out, select_figures(drawings, "hold-out-")),
         _residuals(report, drawings),
         figures(select_figures(drawings, "load-", "resultant-", "spectrum-", "known-"), "<h2>Loads</h2>"),
