@@ -271,6 +271,17 @@ class Interval:
     low: np.ndarray
     high: np.ndarray
 
+    def widened(self, factor: float) -> Interval:
+        """The interval with the same median and `factor` times the width in logarithms."""
+        if factor == 1:
+            return self
+        D, positive = self.median, (self.median > 0) & np.isfinite(self.median)
+        low, high = (
+            np.where(positive, D * np.divide(end, D, out=np.ones_like(D), where=positive) ** factor, end)
+            for end in (self.low, self.high)
+        )
+        return Interval(D, low, high)
+
 
 def interval_of(draws: np.ndarray) -> Interval:
     """Of draws (N, ...), N ≥ FEWEST, by the order statistics of place q (N + 1). Where the draws and the truth come from one

@@ -13,6 +13,7 @@ from strainsight.damage import (
     FKM,
     GOODMAN,
     Curve,
+    Interval,
     MeanStress,
     damage_of,
     equivalent_range,
@@ -164,6 +165,16 @@ def test_infinite_draws_are_the_largest():
 def test_too_few_draws_and_nan_are_refused():
     with pytest.raises(ValueError, match=r"39 random samples .* 40 are needed"):
         interval_of(np.zeros((39, 2)))
+
+
+def test_widened_interval_has_its_median_and_a_multiple_of_its_width_in_logarithms():
+    ends = [2.0, 0.0, np.inf, np.nan], [1.0, 0.0, 3.0, np.nan], [8.0, 1.0, np.inf, np.nan]
+    found = Interval(*map(np.array, ends))
+    wider = found.widened(2.0)
+    np.testing.assert_array_equal(wider.median, found.median)
+    np.testing.assert_allclose(wider.low, [0.5, 0.0, 3.0, np.nan])
+    np.testing.assert_allclose(wider.high, [32.0, 1.0, np.inf, np.nan])
+    assert found.widened(1.0) is found
     with pytest.raises(ValueError, match="NaN"):
         rainflow(np.array([0.0, np.nan, 1.0]))
 

@@ -343,11 +343,11 @@ WRONG, BEYOND = "the measurements are inconsistent", {"E": "E is beyond"}
     [
         (Decision(), "", "", 0),
         (Decision(accept=True), "", "", 0),
-        (Decision(WRONG), f"σ is not reliable: {WRONG}", f"σ is not reliable: {WRONG}", 3),
+        (Decision(WRONG), f"σ is withheld: {WRONG}", f"σ is withheld: {WRONG}", 3),
         (Decision(WRONG, accept=True), "", f"accepted: {WRONG}", 0),
         (
             Decision(WRONG, "", False, ("no load",), BEYOND, "widen"),
-            f"σ is not reliable: {WRONG}; E is beyond",
+            f"σ is withheld: {WRONG}; E is beyond",
             None,
             3,
         ),

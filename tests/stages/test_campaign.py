@@ -181,3 +181,27 @@ def test_a_file_on_the_command_line_is_not_put_with_records(project):
     code, said, _ = run(project, RECORDS, "--measurements", str(project / "low.csv"))
     assert code == 2
     assert "estimate.records: cannot be combined with estimate.file (low.csv)" in said
+
+
+@pytest.mark.slow
+def test_each_record_has_its_factor_on_field_sigma(project):
+    """The RMS of error/σ of its held-out channels, where they are overconfident; its σ is that without hold-out times it."""
+    shortened(project, "short", "low", 61)
+    shortened(project, "off", "mid", 61, "G3", 1.1)
+    records = "  accept_inconsistent: true\n  records: [{name: low, file: short.csv}, {name: off, file: off.csv}]\n"
+    code, said, artefact = run(project, records)
+    assert code == 0, said
+    plain = {name: artefact[f"/record/{name}/virtual/std"].copy() for name in ("low", "off")}
+    code, said, artefact = run(project, records, "--set=estimate.hold_out=each")
+    assert code == 0, said
+    factors = {}
+    for name, std in plain.items():
+        found = {path: artefact[f"/record/{name}{path}"] for path in ("/hold_out/predicted", "/hold_out/std", "/gauge/measured")}
+        predicted, sigma, measured = found.values()
+        s = np.sqrt(np.mean(((predicted - measured) / sigma) ** 2, axis=0).mean())
+        factors[name] = artefact.summary[f"hold_out.field_factor.{name}"]
+        assert factors[name] in (1.0, pytest.approx(s, rel=1e-12))
+        applied = factors[name] if factors[name] <= 3 else np.nan
+        np.testing.assert_allclose(artefact[f"/record/{name}/virtual/std"], applied * std, rtol=1e-12)
+    assert factors["off"] > max(1.0, factors["low"])
+    assert "off: σ of strain, stress and damage at positions without gauges" in said

@@ -97,7 +97,7 @@ def test_where_sigma_is_withheld_the_interval_is_too(tmp_path):
         assert (found[f"/damage/{place}/of_mean"] > 0).all()
     words = " ".join(said.split())
     assert "damage of the smoothed strain history (without 95 % interval)" in words
-    assert "σ is withheld, so damage has no interval" in words
+    assert "σ at positions without gauges is withheld, so damage has no interval" in words
     assert not any(name.startswith(("damage.low", "damage.high", "damage.V1")) for name in found.summary)
 
 

@@ -60,7 +60,8 @@ def test_estimate_finds_what_validate_found(project, plain):
     error = np.linalg.norm(arrays["/smoothed/side"] - truth) / np.linalg.norm(truth)
     assert error == pytest.approx(validate.summary["smoothed.side"], rel=0.3)
     assert abs(arrays["/smoothed/E"][-1] / 2.1e11 - 1) < 3 * validate.summary["std.E"]
-    assert plain[0]["consistent"]
+    assert plain[0]["trusted"]
+    assert plain[0]["verdict"].endswith("consistent with the claimed σ")
 
 
 def test_the_field_of_the_surface_plays_in_time(project, plain):

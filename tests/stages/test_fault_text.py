@@ -7,8 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from strainsight.estimation.faults import Explained, Fault
-from strainsight.experiment.structure.fault_text import FaultInWords
+from strainsight.estimation.fault_evidence import ShiftedMode
+from strainsight.estimation.fault_search import Diagnosis
+from strainsight.estimation.faults import ChannelCheck, Explained, Fault
+from strainsight.estimation.load_faults import ResidualPattern
+from strainsight.estimation.record_check import RecordCheck
+from strainsight.experiment.structure import consistency
+from strainsight.experiment.structure.fault_text import FaultInWords, inspection_in_words
 from strainsight.rom.model import modal_basis
 
 from ..estimation.chain import driven_chain
@@ -33,3 +38,34 @@ def test_error_of_the_model_is_named_with_its_size_and_remedy(fault):
     what, remedy = texts.of(Explained(fault, 0.0, 1.0))
     assert what == TEXTS[fault][0]
     assert remedy.startswith(TEXTS[fault][1])
+
+
+@pytest.mark.parametrize(
+    ("kinds", "places"),
+    [
+        ("frequency mass", "masses, supports, damping and loads of the model"),
+        ("sign angle", "the gauges on the structure (estimate.channels)"),
+        ("gain hum", "the gauges on the structure (estimate.channels)"),
+        ("scale damping", "the gauges on the structure (estimate.channels) and masses, supports, damping and loads of the model"),
+    ],
+)
+def test_what_is_inspected_follows_the_candidates(kinds, places):
+    assert inspection_in_words([Fault(kind, 0) for kind in kinds.split()], "estimate.channels") == f"Inspect {places}"
+    loads = [Fault(kind, 0, of_load=True) for kind in ("sign", "late")]
+    assert inspection_in_words(loads, "estimate.channels") == "Inspect the measurement of the known loads"
+
+
+@pytest.mark.parametrize("cause", ["shifted", "pattern"])
+def test_a_cause_of_the_model_is_the_one_message(monkeypatch, cause):
+    """Words, `fault` of the summary and candidates of the artefact name it, and no sentence denies it."""
+    shifted, pattern = ShiftedMode(0, 0.9, 6.0), ResidualPattern(8.0, 0.9, np.array([0.2, 0.8]), 100.0)
+    channels = ChannelCheck(*np.ones((4, 2)))
+    finding = Diagnosis(True, Explained(None, 0.0, 5.0), channels, **{cause: {"shifted": shifted, "pattern": pattern}[cause]})
+    check = RecordCheck(finding, SimpleNamespace(model=MODEL), (0, 0, 9.0), (0, 2))
+    monkeypatch.setattr(consistency, "check_record", lambda *_: check)
+    test = SimpleNamespace(labels=("G1", "G2"), time=np.arange(4.0), record=SimpleNamespace(channels="estimate.channels"))
+    result = consistency.check_consistency(test, SimpleNamespace(known=(), model=MODEL.model), None, 0.0, lambda share: None)
+    assert {"shifted": "mode 1 is measured at", "pattern": "an unmodelled load"}[cause] in result.named
+    assert result.words == f"the measurements are inconsistent with the model: {result.named}"
+    assert result.check.candidate == (result.named,)
+    assert "no single fault" not in result.words

@@ -24,7 +24,6 @@ OUT_OF_RANGE, WITHHELD = "outside the range of the reduced model", "σ is withhe
 CONFIRMED, NOT_TESTED = "confirmed by held-out sensors", "no inconsistency found"
 FAULTS = (DIVERGED, OUT_OF_RANGE, WITHHELD, LOST, SENSORS_DISAGREE, OVERCONFIDENT)
 """Possible deficiencies of the estimate of an unknown, most severe first."""
-NOT_TRUSTED = "σ is not reliable"
 INCONSISTENT = "the measurements are inconsistent with the model"
 
 T = TypeVar("T")
@@ -236,18 +235,13 @@ class Decision:
         which then need not be widened."""
         if self.trusted or self.accepted:
             return f"{WITHHELD}: {self.unfounded}" if self.unfounded else ""
-        return f"{NOT_TRUSTED}: {'; '.join((self.inconsistent, *self.out_of_range.values()))}"
+        return f"{WITHHELD}: {'; '.join((self.inconsistent, *self.out_of_range.values()))}"
 
     @property
     def message(self) -> str:
         """What a reader must know first; empty if nothing is wrong."""
         accepted = f"accepted: {self.inconsistent}" if self.accepted else ""
         return "; ".join(filter(None, (self.withheld, accepted)))
-
-    @property
-    def cell(self) -> str:
-        """Text in place of σ in a table."""
-        return WITHHELD if self.trusted else NOT_TRUSTED
 
     @property
     def numbers(self) -> dict[str, str | bool]:
@@ -298,8 +292,6 @@ def _nothing(std: Any) -> Any:
     return None if std is None else np.full_like(std, np.nan)
 
 
-def summarise_record(trusted: bool, inconsistent_records: bool, noise_fits: bool) -> str:
-    """Result of one record: consistency with the model, with other records, and with its noise."""
-    if not trusted:
-        return f"inconsistent with {'other records' if inconsistent_records else 'the model'}"
-    return "consistent" if noise_fits else "innovations disagree with the configured noise"
+def summarise_record(trusted: bool, inconsistent_records: bool) -> str:
+    """Result of one record: consistency with the model and with other records."""
+    return CONSISTENT if trusted else f"inconsistent with {'other records' if inconsistent_records else 'the model'}"

@@ -102,12 +102,16 @@ class Smoothed:
 
     def without_sigma(self) -> Smoothed:
         """The same with NaN for σ and covariance, which propagates to all results."""
-        none = np.nan
-        selected, whole = self.selected, self.covariance
+        return self.with_sigma_times(np.nan)
+
+    def with_sigma_times(self, factor: float) -> Smoothed:
+        """The same with σ multiplied by a factor, and covariances by its square."""
+        selected, whole, square = self.selected, self.covariance, factor**2
         if selected is not None:
-            parts = {name: none * getattr(selected, name) for name in ("std", "covariance", "then")}
-            selected = replace(selected, **parts)
-        return replace(self, std=none * self.std, covariance=None if whole is None else none * whole, selected=selected)
+            std, covariance, then = factor * selected.std, square * selected.covariance, square * selected.then
+            selected = replace(selected, std=std, covariance=covariance, then=then)
+        every = None if whole is None else square * whole
+        return replace(self, std=factor * self.std, covariance=every, selected=selected)
 
     def _require_selected(self) -> SelectedCovariances:
         if self.selected is None:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.decision import Claim, claim_in_time
+from strainsight.estimation.decision import Claim, check_ratio, claim_in_time
 from strainsight.experiment.system import TestedSystem
 from strainsight.records.estimated import HoldOut
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import STRAIN, UNITS
 
 NOT_GIVEN = "the filter does not use this channel"
+MOST_SCALED = 3.0
+"""Largest factor on σ at positions without gauges; above it this σ is withheld."""
 
 
 def held_out(system: TestedSystem, progress: Callable[[str, float], None]) -> tuple[HoldOut, ...]:
@@ -62,6 +64,45 @@ def left_out(hold_out: HoldOut | None, labels: Sequence[str], measured: np.ndarr
         known = np.isfinite(error)
         rows.append(LeftOut(label, rms(read[known]), rms(error[known]), inside, claim, why))
     return tuple(rows)
+
+
+def field_factor(rows: Sequence[LeftOut]) -> float:
+    """Factor on σ of strain and stress at positions without gauges; 1 unless a held-out channel and s are overconfident.
+
+        s = √(mean over m channels of (error/σ)²),     draws: sum over the channels
+
+    s is the ratio of Birge, Phys. Rev. 40 (1932)."""
+    claims = [row.claim for row in rows if row.claim is not None]
+    if not any(claim.overconfident for claim in claims):
+        return 1.0
+    ratio = float(np.sqrt(np.mean([claim.ratio**2 for claim in claims])))
+    return ratio if check_ratio(ratio, sum(claim.draws for claim in claims)).overconfident else 1.0
+
+
+def with_field_factor(hold_out: HoldOut, labels: Sequence[str], measured: np.ndarray) -> HoldOut:
+    """The hold-out test of a record with its `field_factor`; measured (T, m)."""
+    return replace(hold_out, field_factor=field_factor(left_out(hold_out, labels, measured)))
+
+
+def applied_factor(hold_outs: Iterable[HoldOut | None]) -> float:
+    """Largest factor on σ at positions without gauges, from the hold-out tests of some records; NaN if this σ is withheld."""
+    factor = max(
+        (one.field_factor for one in hold_outs if one is not None and one.field_factor is not None), default=1.0
+    )
+    return factor if factor <= MOST_SCALED else np.nan
+
+
+def field_in_words(hold_out: HoldOut | None) -> list[str]:
+    """State that σ at positions without gauges is scaled or withheld; empty if it is neither."""
+    if hold_out is None or hold_out.field_factor in (None, 1.0):
+        return []
+    withheld = bool(np.isnan(applied_factor([hold_out])))
+    action = "withheld" if withheld else f"multiplied by {hold_out.field_factor:.3g}"
+    limit = f", more than {MOST_SCALED:g} σ" * withheld
+    return [
+        f"σ of strain, stress and damage at positions without gauges is {action}, because errors of the held-out channels are "
+        f"{hold_out.field_factor:.3g} σ (RMS){limit}"
+    ]
 
 
 def hold_out_numbers(rows: Sequence[LeftOut]) -> dict[str, Scalar]:

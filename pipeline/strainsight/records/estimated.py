@@ -82,6 +82,13 @@ class HoldOut:
         "/gauge/label",
         "reason why a channel could not be left out of the filter and predicted; empty: left out and predicted",
     )
+    field_factor: float | None = dataset(
+        "1",
+        "",
+        "factor on σ of strain and stress at positions without gauges: RMS of error / σ of all held-out channels; 1: they are "
+        "consistent; above 3: this σ is withheld",
+        default=None,
+    )
 
 
 @record
@@ -149,7 +156,11 @@ class VirtualStrain:
     strain: np.ndarray = dataset(
         "strain", "/time × grid", "smoothed strain at every measuring grid of the virtual gauges"
     )
-    std: np.ndarray = dataset("strain", "/time × grid", "standard deviation of every smoothed strain")
+    std: np.ndarray = dataset(
+        "strain",
+        "/time × grid",
+        "standard deviation of every smoothed strain, multiplied by field_factor of the hold-out test",
+    )
     position: np.ndarray = dataset(
         "m", "grid × 3", "position of every measuring grid of the virtual gauges, in global axes"
     )
@@ -207,7 +218,8 @@ class SurfaceMoment:
     von_mises_std: np.ndarray | None = dataset(
         "Pa",
         "exterior facet",
-        "standard deviation of the von Mises stress at the facet centres; missing if not computed",
+        "standard deviation of the von Mises stress at the facet centres, multiplied by field_factor of the hold-out test; "
+        "missing if not computed",
         default=None,
     )
 

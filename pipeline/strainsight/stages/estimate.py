@@ -27,7 +27,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=42,
+    version=43,
     reads=(
         "seed",
         "mesh.point_masses",

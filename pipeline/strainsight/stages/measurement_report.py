@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.estimation.consistency import InnovationCheck, check_innovations
+from strainsight.estimation.consistency import check_innovations
 from strainsight.estimation.decision import summarise_record
 from strainsight.experiment.filters_compared import disagreements_in_words
-from strainsight.experiment.structure.campaign_text import channel_table, damage_tables, innovations_inside
+from strainsight.experiment.structure.campaign_text import (
+    channel_table,
+    damage_tables,
+    hold_out_in_words,
+    innovations_inside,
+)
 from strainsight.experiment.structure.filtering import posterior_doubts
 from strainsight.experiment.structure.surface import virtual_labels
 from strainsight.loads.histories import density, noise_density
@@ -66,7 +71,7 @@ def _findings_of(
     readings = _readings(record, marks, read(Training, up["train"]))
     doubts = posterior_doubts(record.posterior if campaign is None else campaign.posterior, units)
     noise = check_innovations(record.whitened)
-    result = summarise_record(record.trusted, "apart" in summary, noise.consistent)
+    result = summarise_record(record.trusted, "apart" in summary)
 
     def history(unknown: str) -> History:
         """A load as smoothed; a parameter as it was filtered, and as smoothed."""
@@ -94,10 +99,11 @@ def _findings_of(
         name=config.name,
         title=title_of(f"{config.name}, record {name}" if name else config.name, tuple(names)),
         unknowns=tuple(map(unknown_of, names)),
-        innovations=noise.text if record.trusted else f"the measurements are {result}",
-        consistent=record.trusted and noise.consistent,
-        warnings=_warnings(record, summary, doubts, noise),
-        notes=record.notes,
+        innovations=noise.text * noise.consistent if record.trusted else f"the measurements are {result}",
+        consistent=record.trusted,
+        warnings=_warnings(record, summary, (*up["estimate"].warnings, *hold_out_in_words(record)), doubts),
+        # in a consistent record the noise is advice, not a warning
+        notes=(*record.notes, *(noise.text,) * (record.trusted and not noise.consistent)),
         layout=layout,
         histories=tuple(map(history, names)),
         file=_file(record),
@@ -140,19 +146,15 @@ def _findings_of(
 def _campaign_findings(
     context: Context[PlacementConfig], findings: Mapping[str, Findings], campaign: CampaignRecord
 ) -> CampaignFindings:
-    config, summary = context.config, context.upstream["estimate"].summary
-    disagreement = str(summary.get("apart", ""))
-    texts = [str(summary.get("withheld", "")), disagreement]
-    texts += [
-        f"record {name}: {report.innovations}"
-        for name, report in findings.items()
-        if not (report.consistent or disagreement)
-    ]
+    config, estimate = context.config, context.upstream["estimate"]
+    texts = [*estimate.warnings]
+    for name, record in estimated_in(estimate).items():
+        texts += [f"record {name}: {text}" for text in hold_out_in_words(record)]
     return CampaignFindings(
         title=title_of(config.name, tuple(map(str, config.place.estimate))),
         records=tuple(findings.values()),
         shared=campaign,
-        warnings=tuple(capital(text) for text in (*texts, _hidden(summary)) if text),
+        warnings=tuple(capital(text) for text in (*texts, _hidden(estimate.summary)) if text),
         damage=_damage(campaign.damage, config),
     )
 
@@ -169,13 +171,11 @@ def _hidden(summary: Mapping[str, object]) -> str:
 
 
 def _warnings(
-    record: Estimated, summary: Mapping[str, object], doubts: list[str], noise: InnovationCheck
+    record: Estimated, summary: Mapping[str, object], first: Sequence[str], doubts: list[str]
 ) -> tuple[str, ...]:
-    """Notes, most important first: reasons for omitted σ, inconsistencies of the measurements, unobservable unknowns."""
-    # a record that is inconsistent with the model has its own warning, and the noise is not to blame
+    """Warnings, most important first: `first` of the decision and of the record, unobservable unknowns, doubts."""
     texts = (
-        str(summary.get("withheld", "")),
-        noise.text if record.trusted and not noise.consistent else "",
+        *first,
         _hidden(summary),
         *doubts,
         *disagreements_in_words(record.compared),
@@ -279,7 +279,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 TEST = Stage(
     "test",
-    version=9,
+    version=10,
     reads=("name", "seed", "loads", "place.estimate", "estimate.virtual"),
     upstream=("import", "rom", "train", "screen", "place", "estimate"),
     files=(),

@@ -9,10 +9,11 @@ import numpy as np
 
 from strainsight.decks.faults import plural
 from strainsight.estimation.consistency import check_innovations
-from strainsight.estimation.decision import summarise_record
+from strainsight.estimation.decision import WITHHELD, summarise_record
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.hold_out import (
     LeftOut,
+    field_in_words,
     hold_out_numbers,
     hold_out_table,
     left_out,
@@ -70,9 +71,8 @@ def _numbers(campaign: Campaign) -> dict[str, Scalar]:
     numbers: dict[str, Scalar] = {
         "samples": sum(len(one.gauge.time) for one in every),
         "channels": len(first.gauge.label),
-        "verdict": whole.text,
+        "verdict": campaign.decision.inconsistent or whole.text,
         "innovation_ratio": whole.ratio,
-        "consistent": whole.consistent,
         **campaign.decision.numbers,
         **_load_numbers(campaign, every),
     }
@@ -85,7 +85,7 @@ def _numbers(campaign: Campaign) -> dict[str, Scalar]:
     if campaign.undetectable:
         numbers["unobservable"] = campaign.undetectable
     if together is None:
-        numbers |= hold_out_numbers(without_each(first))
+        numbers |= _hold_out_numbers(first)
     else:
         numbers |= {"records": len(every), "gain": together.gain}
         # accepted disagreement of records that agree with the model one by one
@@ -98,10 +98,17 @@ def _numbers(campaign: Campaign) -> dict[str, Scalar]:
                 "innovation_ratio": record.innovation_check.ratio,
                 "trusted": record.judgement.trusted,
             }
-            each |= _load_numbers(campaign, [record.estimated]) | hold_out_numbers(without_each(record.estimated))
+            each |= _load_numbers(campaign, [record.estimated]) | _hold_out_numbers(record.estimated)
             numbers |= {f"{key}.{of}": value for key, value in each.items()}
     numbers |= damage_numbers(campaign.damage, campaign.labels)
     return numbers | posterior_numbers(campaign.posterior) | ratios(first.compared)
+
+
+def _hold_out_numbers(estimated: Estimated) -> dict[str, Scalar]:
+    """Numbers of the hold-out test, and the factor that follows for σ at positions without gauges."""
+    factor = None if estimated.hold_out is None else estimated.hold_out.field_factor
+    of_field: dict[str, Scalar] = {} if factor is None else {"hold_out.field_factor": factor}
+    return hold_out_numbers(without_each(estimated)) | of_field
 
 
 def _load_numbers(campaign: Campaign, records: Sequence[Estimated]) -> dict[str, Scalar]:
@@ -124,16 +131,12 @@ def _message(campaign: Campaign) -> str:
         what = " RMS" if name in campaign.unknowns.inputs else ""
         sigma = "" if campaign.decision.withheld else f" ± {numbers[f'std.{name}']:.2g}"
         parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {campaign.units[name]}{what}")
-    if "hold_out.inside" in numbers:
+    if "hold_out.inside" in numbers and not campaign.decision.withheld:
         parts.append(
             f"gauges predicted from the other gauges: {100 * numbers['hold_out.inside']:.3g} % of samples within 2σ"
         )
     for of, record in campaign.records.items():
-        misfits = misfits_in_words(without_each(record.estimated), "gauges")
-        parts += [text if only else f"{of}: {text}" for text in misfits]
-    loud = [of for of, one in campaign.records.items() if one.judgement.trusted and not one.innovation_check.consistent]
-    if loud:
-        parts.append(f"the innovations{'' if only else ' of ' + ', '.join(loud)} do not match the configured noise")
+        parts += [text if only else f"{of}: {text}" for text in hold_out_in_words(record.estimated)]
     parts += damage_in_words(campaign.damage)
     parts += posterior_doubts(campaign.posterior, campaign.units)
     parts += disagreements_in_words(first.compared)
@@ -153,7 +156,6 @@ def _tables(campaign: Campaign) -> tuple[Table, ...]:
         each = [hold_out_table(left_out_each, campaign.channel_units, "gauge")] if left_out_each else []
         for table in (*each, channel_table(record.estimated, campaign.channel_units)):
             tables.append(table if only else replace(table, title=f"{table.title}: {of}"))
-        # advice on the noise applies to consistent records, and to those without an explanation
         notes += [(of, note) for note in filter(None, (*record.estimated.notes, record.innovations_in_words))]
     texts = [text for _, text in notes]
     rows = [("all" if texts.count(text) == len(campaign.records) else of, text) for of, text in notes]
@@ -173,7 +175,7 @@ def _unknowns_table(campaign: Campaign) -> Table:
             # of a factor the unit is 1
             estimate = f"{value[-1]:.5g}" if unit == "1" else f"{value[-1]:.5g} {unit}"
             sigma = f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
-        rows.append((name, estimate, campaign.decision.cell if campaign.decision.withheld else sigma))
+        rows.append((name, estimate, WITHHELD if campaign.decision.withheld else sigma))
     return Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows))
 
 
@@ -187,9 +189,7 @@ def _records_table(campaign: Campaign) -> Table:
             top = int(np.argmax(np.abs(value)))
             cells += [_with_sigma(float(value[top]), float(std[top])), _with_sigma(rms(value), rms(std))]
         inside = f"{100 * innovations_inside(record.estimated):.3g} %"
-        consistency = summarise_record(
-            record.judgement.trusted, record.judgement.disagrees, record.innovation_check.consistent
-        )
+        consistency = summarise_record(record.judgement.trusted, record.judgement.disagrees)
         rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, inside, consistency))
     heads = [f"{name} {what} [{campaign.units[name]}]" for name in loads for what in ("peak", "RMS")]
     return Table("records", ("record", "duration", *heads, "innovations within 2σ", "consistency"), tuple(rows))
@@ -208,7 +208,7 @@ def _parameter_table(campaign: Campaign) -> Table:
         value, std = _shared(campaign, name), float(campaign.first.estimated.smoothed_std[name][-1])
         sigma = f"± {std:.3g} ({100 * std / value:.2g} %)"
         each = (f"{alone:.5g}" for alone in together.alone[name])
-        shown = campaign.decision.cell if campaign.decision.withheld else sigma
+        shown = WITHHELD if campaign.decision.withheld else sigma
         rows.append((name, f"{value:.5g} {campaign.units[name]}", shown, *each))
     some = 0 < len(_agreeing(campaign)) < len(campaign.records)
     by = "estimate from consistent records" if some else "estimate from all records"
@@ -236,6 +236,14 @@ def _shared(campaign: Campaign, parameter: str) -> float:
 def without_each(estimated: Estimated) -> tuple[LeftOut, ...]:
     """Hold-out results of every gauge, empty if not configured."""
     return left_out(estimated.hold_out, estimated.gauge.label, estimated.gauge.measured)
+
+
+def hold_out_in_words(estimated: Estimated) -> list[str]:
+    """Channels that disagree with their prediction, and what follows for σ at positions without gauges; empty if σ is withheld,
+    because an inconsistent record has one message."""
+    if estimated.hold_out is None or estimated.hold_out.field_factor is None:
+        return []
+    return misfits_in_words(without_each(estimated), "gauges") + field_in_words(estimated.hold_out)
 
 
 def channel_table(estimated: Estimated, units: Sequence[str]) -> Table:

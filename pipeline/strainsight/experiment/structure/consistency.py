@@ -18,6 +18,7 @@ from strainsight.experiment.structure.considered import build_considered, on_ave
 from strainsight.experiment.structure.fault_text import (
     CHECK_MODE,
     FaultInWords,
+    inspection_in_words,
     pattern_in_words,
     shift_in_words,
     time_of,
@@ -160,32 +161,34 @@ def check_consistency(
     )
     if not finding.inconsistent:
         return ConsistencyResult("", "", by_channel)
-    ratio, alone = (
-        finding.as_it_is.ratio,
-        "no single fault of a channel, a known load or the model explains the inconsistency",
-    )
-    if named:
-        text = f": {named}"
-    elif candidates:
-        text = (
-            f". Several causes explain this equally well: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}. Inspect the "
-            f"gauges on the structure to find the actual cause ({channels})"
-        )
-    elif finding.shifted is not None:
+    ratio = finding.as_it_is.ratio
+    if finding.shifted is not None:
         mode, lam = finding.shifted.mode, modal_basis(problem.model, problem.model.reference)[0]
         shift = shift_in_words(mode, float(np.sqrt(lam[mode])) / (2 * np.pi), finding.shifted.factor)
         size = f"a difference of {finding.shifted.size:.2g} σ of tolerances.frequency"
-        text = f"; {alone}: {shift}, {size}. {CHECK_MODE.capitalize()}"
+        named = f"{shift}, {size}. {CHECK_MODE.capitalize()}"
     elif finding.pattern is not None:
-        text = f"; {alone}: {pattern_in_words(finding.pattern, test.labels)}"
+        named = pattern_in_words(finding.pattern, test.labels)
+    if named:
+        text, candidates = f": {named}", (named,)
+    elif candidates:
+        faults = [one.fault for one in finding.candidates if one.fault is not None]
+        text = (
+            f". Several causes explain this equally well: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}. "
+            f"{inspection_in_words(faults, channels)} to find the actual cause"
+        )
     else:
         size = f"{ratio:.3g} times as large as predicted" if np.isfinite(ratio) else "unbounded"
         text = (
-            f": innovations are {size}{_worst_in_words(check, test)}; {alone}. Check {channels}, loads, estimate.start "
-            f"and the model{_step_in_words(problem, test)}"
+            f": innovations are {size}{_worst_in_words(check, test)}; no single fault of a channel, a known load or the model "
+            f"explains the inconsistency. Check {channels}, loads, estimate.start and the model, and compare the configured "
+            f"noise with the scatter of readings at rest{_step_in_words(problem, test)}"
         )
     return ConsistencyResult(
-        INCONSISTENT + text, named, by_channel, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0
+        INCONSISTENT + text,
+        named,
+        replace(by_channel, candidate=candidates),
+        birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0,
     )
 
 

@@ -58,15 +58,18 @@ def damage_of_test(
     filters: Sequence[RecordFilter],
     results: Sequence[FilteredRecord],
     withheld: str,
+    factor: float,
     filters_of: Callable[[PlacementConfig], list[RecordFilter]],
     progress: Callable[[float], None],
 ) -> tuple[Damaged, tuple[str, ...]]:
     """Damage of all records, without interval if σ is withheld, and notes.
 
-    filters_of: filters for a config with other random-walk models of the loads."""
+    factor: on σ at positions without gauges, NaN if it is withheld; filters_of: filters for a config with other random-walk
+    models of the loads."""
     assert config.estimate is not None
     settings = config.estimate.damage
     assert settings is not None
+    withheld = withheld or "σ at positions without gauges is withheld" * bool(np.isnan(factor))
     configured = _Walked(config, filters, [result.grid_run for result in results])
     sampled, changed, undecided = _walks(configured, None if withheld else filters_of)
     shown = SHOWN if undecided else SHOWN_DECIDED
@@ -79,7 +82,7 @@ def damage_of_test(
         )
         for record, result, by, grid_run in zip(filters, results, sampled.filters, sampled.grid_runs, strict=True)
     ]
-    damage = damage_in_test(settings, damage_places(skin, virtual), records, progress, shown)
+    damage = damage_in_test(settings, damage_places(skin, virtual), records, progress, shown, factor)
     return damage, damage_notes(settings, withheld, shown, walks_in_words(sampled.config, changed))
 
 
@@ -122,12 +125,14 @@ def damage_in_test(
     records: Sequence[Recorded],
     progress: Callable[[float], None],
     shown: float = SHOWN,
+    factor: float = 1.0,
 ) -> Damaged:
     """Damage of the smoothed histories, and its interval if the equivalent range exceeds `shown` times the largest.
 
         D = Σᵣ Dᵣ,     over records, of one draw of the constants each (Palmgren and Miner)
 
-    places: "surface", "virtual" or both. If σ is withheld, the interval is, too."""
+    places: "surface", "virtual" or both; factor: on the width of intervals, in logarithms. If σ is withheld, the interval is,
+    too."""
     of_mean = {name: _of_mean(part, records, settings) for name, part in places.items()}
     # of ranges to the power of the slope
     largest = max(moment.max(initial=0.0) for _, moment in of_mean.values())
@@ -143,7 +148,10 @@ def damage_in_test(
             each = [damage_at(part, q, theta_at(record.model, p), settings) for record, p, q in draws]
             sampled[name].append(np.sum(each, axis=0))
         progress(len(sampled[name]) / settings.draws)
-    damage = {name: _damage(part, settings, of_mean[name], which[name], sampled[name]) for name, part in places.items()}
+    damage = {
+        name: _damage(part, settings, of_mean[name], which[name], sampled[name], factor)
+        for name, part in places.items()
+    }
     surface = damage.get("surface")
     return Damaged(
         surface=surface,
@@ -210,6 +218,7 @@ def _damage(
     of_mean: tuple[np.ndarray, np.ndarray],
     which: np.ndarray,
     sampled: list[np.ndarray],
+    factor: float,
 ) -> DamageAt:
     curve, _ = curve_of(settings)
     damage, moment = np.full((2, 3, len(places)), np.nan)
@@ -217,7 +226,7 @@ def _damage(
         # one after the other to save memory
         values = np.stack(sampled)
         for rows, draws in ((damage, values[:, 0]), (moment, values[:, 1])):
-            interval = interval_of(draws)
+            interval = interval_of(draws).widened(factor)
             rows[:, which] = interval.median, interval.low, interval.high
 
     def equivalent(moment: np.ndarray) -> np.ndarray:
@@ -242,8 +251,8 @@ def damage_notes(settings: DamageSettings, withheld: str, shown: float, by: str)
     """Notes on damage; by: random-walk models of the samples, empty if as configured."""
     if withheld:
         return (
-            "σ is withheld, so damage has no interval. The damage of the smoothed strain history is shown; the true damage may "
-            "be higher",
+            "σ at positions without gauges is withheld, so damage has no interval. The damage of the smoothed strain history is "
+            "shown; the true damage may be higher",
         )
     few = ""
     if settings.points is not None:

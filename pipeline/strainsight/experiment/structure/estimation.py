@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from strainsight.estimation.decision import Decision
 from strainsight.estimation.model import surface_reading
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
+from strainsight.experiment.hold_out import applied_factor
 from strainsight.experiment.structure.considered import SOURCE
 from strainsight.experiment.structure.consistency import ConsistencyResult, clock_in_words
 from strainsight.experiment.structure.filtering import histories, posteriors_of
@@ -54,10 +55,8 @@ class Estimation:
 
     @property
     def innovations_in_words(self) -> str:
-        """Result of the innovation check; empty if a fault explains it, or if the innovations are consistent but the record is
-        not."""
-        inconsistent = self.innovation_check.consistent and not self.judgement.trusted
-        return "" if inconsistent or self.estimated.check.candidate else self.innovation_check.text
+        """Result of the innovation check; empty for an inconsistent record, whose message states the innovations."""
+        return self.innovation_check.text if self.judgement.trusted else ""
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,8 @@ def estimation_of_record(
     budget, no_budget = ({}, ()) if withheld else budget_in(record, result)
     if withheld:
         result = result.without_sigma()
-    run, smoothed = result.run, result.smoothed
+    run, smoothed, factor = result.run, result.smoothed, applied_factor([hold_out])
+    field = smoothed if factor == 1 else smoothed.with_sigma_times(factor)
     sampled = slice(test.every - 1, None, test.every)
     offsets = slice(model.size, model.size + len(record.biased))
     mean, std = (values[-1, 0, offsets] for values in (smoothed.mean, smoothed.std))
@@ -109,28 +109,25 @@ def estimation_of_record(
         resultant=resultants_of(config.loads, problem.unknowns.inputs, model, smoothed),
         known=dict(zip(problem.known, instant_values(test.known).T, strict=False)),
         source=source,
-        notes=_notes(common, record, judgement, no_budget),
+        notes=_notes(common, record, no_budget),
         posterior={} if withheld or record.records > 1 else posteriors_of(problem, record.start, result.grid_run),
         trusted=judgement.trusted,
         check=judgement.check,
-        virtual=None if common.virtual is None else common.virtual.smoothed(model, run, smoothed),
-        moment=None if skin is None else moment_of(skin, record, run, smoothed),
+        virtual=None if common.virtual is None else common.virtual.smoothed(model, run, field),
+        moment=None if skin is None else moment_of(skin, record, run, field),
         compared=result.compared,
         budget=budget_of_shares(budget),
         hold_out=hold_out,
         damage=damage,
     )
     of_surface = None if damage is None else damage.surface
-    surface = None if skin is None else surface_grid(skin, model, smoothed, config.estimate.field, of_surface)
+    surface = None if skin is None else surface_grid(skin, model, field, config.estimate.field, of_surface)
     return Estimation(estimated, judgement, common.decision, surface)
 
 
-def _notes(
-    common: Common, record: RecordFilter, judgement: ConsistencyResult, no_budget: Sequence[str]
-) -> tuple[str, ...]:
+def _notes(common: Common, record: RecordFilter, no_budget: Sequence[str]) -> tuple[str, ...]:
     """Notes on corrections of the measurements and on limits of the estimate."""
     config, problem, withheld = common.config, record.problem, common.decision.withheld
-    accepted = replace(common.decision, inconsistent=judgement.words).message
     others, comparable = "", problem.method == "grid" and problem.unknowns.parameters
     if withheld and config.filter.compare:
         others = "σ is withheld, so filters are not compared (filter.compare)"
@@ -142,7 +139,7 @@ def _notes(
         clock_in_words(record.test, config.train.time_step),
         scheme_in_words(problem, record.test.h),
         *common.tolerances,
-        withheld or accepted or load_dependence_text(problem),
+        "" if common.decision.message else load_dependence_text(problem),
         "" if as_stated else damping_dependence_text(problem),
         others,
         *no_budget,

@@ -16,6 +16,7 @@ from strainsight.experiment.structure.measured import Measured
 from strainsight.measurements.records import required_unit
 from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import STRAIN, UNITS
+from strainsight.text import listed
 
 MOST_TIMES = 20
 """Largest number of time intervals of a fault that are listed."""
@@ -190,10 +191,24 @@ def _delay_in_words(entry: Channel, n: int, seconds: float) -> str:
     return f"{{samples: {n + (0 if entry.delay is None else entry.delay.samples)}}}"
 
 
+COMMON = ("warming", "gain", "hum")
+"""Errors of the model that all channels have in common, and that an inspection of the measuring chain shows."""
 CHECK_MODE = (
     "check masses (mesh.point_masses), joints, and whether a support is elastic (`stiffness` in mesh.supports); or measure the "
     "frequency and correct the model"
 )
+
+
+def inspection_in_words(faults: Sequence[Fault], channels: str) -> str:
+    """What to inspect if several faults explain a record equally well; channels: config section of the channels."""
+    of_gauges = any(not one.of_load and (not one.of_model or one.kind in COMMON) for one in faults)
+    of_model = any(one.of_model and one.kind not in COMMON for one in faults)
+    places = (
+        f"the gauges on the structure ({channels})" * of_gauges,
+        "the measurement of the known loads" * any(one.of_load for one in faults),
+        "masses, supports, damping and loads of the model" * of_model,
+    )
+    return f"Inspect {listed([place for place in places if place])}"
 
 
 def shift_in_words(mode: int, modelled: float, factor: float) -> str:

@@ -39,7 +39,6 @@ from strainsight.pages.tested.data import Findings, Map, TestedUnknown, peak_of
 from strainsight.pages.tested.figures import hold_out_section, reading
 from strainsight.pages.view.viewing import FACETS, Panel, View
 from strainsight.records.estimated import TestSource
-from strainsight.runner.output import Table
 from strainsight.text import capital, listed, number, quantity
 
 LOUD = 1.5
@@ -72,8 +71,8 @@ def _estimate_text(unknown: TestedUnknown) -> str:
 def findings_screen(report: Findings) -> str:
     """Unknowns, consistency of the record, channels, and warnings. Every number is a `data` element."""
     good = report.consistent
-    words = mark(escape(_sentence(report.innovations)), good)
-    consistency = tile("consistency of record, model and noise", "consistent" if good else "inconsistent", after=words)
+    words = mark(escape(_sentence(report.innovations)), good) if report.innovations else ""
+    consistency = tile("consistency of record and model", "consistent" if good else "inconsistent", after=words)
     return sections.first_screen(
         "".join(map(_tile, report.unknowns)) + consistency, _channels(report), _cautions(report)
     )
@@ -200,10 +199,9 @@ READINGS = "Measured and reconstructed readings of each channel; below, the resi
 NOT_TESTED = "No gauge was held out: predictions at positions without gauges were not tested."
 
 CHECKED = (
-    "RMS predicted: RMS of the predicted readings of the channel. Residual / σ: RMS of measured − predicted, divided by the "
-    "standard deviation of this difference; about 1 for a channel that is consistent with the prediction."
+    "RMS predicted: RMS of this prediction. Residual / σ is about 1 for channels that are consistent with it. The most likely "
+    "fault of a channel is listed only if the record is inconsistent with the model."
 )
-FAULTS = " Faults are listed only if the record is inconsistent with the model."
 
 
 def page_of_test(
@@ -219,7 +217,9 @@ def page_of_test(
         folded(
             select_figures(drawings, "reading-"), "multiples", titled("Measured and reconstructed readings", READINGS)
         ),
-        checked_section(report.checked),
+        sections.listing_section(
+            "" if report.checked is None else capital(report.checked.title), report.checked, range(1, 5), CHECKED
+        ),
         hold_out_section(report.hold_out, select_figures(drawings, "hold-out-")),
         _residuals(report, drawings),
         figures(select_figures(drawings, "load-", "resultant-", "spectrum-", "known-"), "<h2>Loads</h2>"),
@@ -235,14 +235,6 @@ def page_of_test(
         sections.provenance_section(report.facts, report.provenance),
     )
     return sections.document("test", report.name, report.title, answer(report), parts, FOOTER, turned=True)
-
-
-def checked_section(checked: Table | None) -> str:
-    """Every channel and its prediction, under the heading that the table has in the terminal."""
-    if checked is None:
-        return ""
-    lead = CHECKED + FAULTS * ("most likely fault" in checked.columns)
-    return sections.listing_section(capital(checked.title), checked, range(1, 5), lead)
 
 
 def _residuals(report: Findings, drawings: tuple[Drawing, ...]) -> str:
