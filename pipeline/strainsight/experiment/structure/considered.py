@@ -47,6 +47,7 @@ SOURCE = {
     "gain": "gain",
     COMMON_GAIN: "common gain",
     "transverse": "transverse sensitivity",
+    "mesh": "mesh",
     "along_twice": "position",
     "across_twice": "position",
     "along_across": "position",
