@@ -15,8 +15,8 @@ from strainsight.experiment.structure.start import motion_of
 from strainsight.loads.histories import instant_values
 from strainsight.rom.model import accelerations, modal_basis
 
-DYNAMIC = ("frequency", "damping")
-"""Sources of variance that a static response does not have."""
+DYNAMIC = {"frequency": "frequency", "mass": "load_mass", "damping": "damping"}
+"""Sources of variance that a static response does not have → key of `tolerances`."""
 LIMITING = 0.5
 """Share of the variance from which they limit σ."""
 NAMED = 0.05
@@ -47,7 +47,8 @@ def slow_load_advice(
         if slow.std[name] > BETTER * expected.std[name]:
             continue
         parts = [
-            f"tolerances.{key} ({100 * s:.0f} % of its variance)" for key, s in zip(DYNAMIC, share[name], strict=True)
+            f"tolerances.{key} ({100 * s:.0f} % of its variance)"
+            for key, s in zip(DYNAMIC.values(), share[name], strict=True)
         ]
         limits = " and ".join(part for part, s in zip(parts, share[name], strict=True) if s >= NAMED)
         yield (
