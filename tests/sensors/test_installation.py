@@ -193,7 +193,7 @@ def test_small_errors_of_installation_change_readings_by_their_sensitivities():
         drawn = sample_installation(pool, std, np.random.default_rng(7))
         rows, _ = installed_rows(position, pool, field, drawn, facets=facets)
         common = np.column_stack([drawn.place, drawn.angle, drawn.tilt])[pool.gauge]
-        own = np.column_stack([drawn.gain, drawn.transverse])
+        own = np.column_stack([drawn.gain, drawn.transverse, drawn.mesh])
         first = sum(
             value[:, None] * getattr(slopes, name)
             for name, value in zip(FIRST, np.hstack([common, own]).T, strict=True)

@@ -61,6 +61,12 @@ def beam(tmp_path_factory):
         truth = truth_of(structure, None, problem, own)
         return trial_of(own.config, problem, truth, errors, gauges)
 
+    def mesh_error():
+        """Estimated mesh errors of the gauges in training (T, k)."""
+        own = case(f"tolerances={yaml.safe_dump(NOTHING | {'mesh': 1, 'load_mass': 0}, default_flow_style=True)}")
+        rows = Structure(own.config, own.files, mesh, reduced, training).sensitivity(gauges).mesh
+        return training.coordinate[1:] @ rows[:, : reduced.model.size].T
+
     def expected(*overrides):
         return api.expect(case(*overrides), mesh, reduced, training, screened, gauges)
 
@@ -78,7 +84,9 @@ def beam(tmp_path_factory):
         step = 1e-3 * np.eye(len(gauges))
         return np.stack([(estimate(own) - estimate(-own)) / 2e-3 for own in step])
 
-    return SimpleNamespace(case=case, training=training, validated=validated, drawn=drawn, expected=expected, slopes=slopes)
+    return SimpleNamespace(
+        case=case, training=training, validated=validated, drawn=drawn, mesh_error=mesh_error, expected=expected, slopes=slopes
+    )
 
 
 @pytest.mark.slow
@@ -210,6 +218,19 @@ def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, s
     assert sum(found.budget["E"].values()) == pytest.approx(1.0, rel=1e-9)
 
 
+def test_mesh_errors_are_a_source_of_variance_and_sampled_in_the_truth(beam):
+    tolerances = f"tolerances={yaml.safe_dump(NOTHING | {'mesh': 0.5, 'load_mass': 0}, default_flow_style=True)}"
+    error, extended = 0.5 * beam.mesh_error(), ("filter.method=extended", "filter.drift=false")
+    assert np.all(np.abs(error).max(axis=0) > 1e-3 * np.abs(beam.training.reading()).max())
+    found, plain = (beam.expected(own, *extended) for own in (tolerances, "tolerances=none"))
+    variance = np.sum(beam.slopes(lambda y, nu: y + nu * error)[:, -1, 0] ** 2)
+    assert found.budget["E"]["mesh"] * found.std["E"] ** 2 == pytest.approx(variance, rel=1e-3)
+    assert found.std["E"] ** 2 == pytest.approx(plain.std["E"] ** 2 + variance, rel=1e-3)
+    nominal, read = beam.drawn("tolerances=none"), readings(beam.drawn(tolerances))
+    exact = nominal.reading(nominal.chosen)
+    assert all(np.abs(own - exact).max() > 1e-4 * np.abs(exact).max() for own in read)
+
+
 GAIN = "tolerances={position: 0, angle: 0, transverse: 0, damping: 1, frequency: 0, load_angle: 0, load_position: 0, "
 GAIN += "common_gain: 0, gain: 0.05}"
 
@@ -285,7 +306,7 @@ def test_the_filter_expects_what_gauges_read_on_average(tmp_path):
     plain = filter_model(own.problem, own.channels, own.problem.h)
     n, part = own.reduced.model.size, own.training.candidates.take(own.channels)
     change = (on_average(own.tolerated, plain, own.channels).H - plain.H)[:, :n]
-    still, rng = (np.zeros((4, 2)), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)), np.random.default_rng(1)
+    still, rng = (np.zeros((4, 2)), *np.zeros((5, 4))), np.random.default_rng(1)
     facets, drawn = exterior_facets(own.mesh), []
     for _ in range(400):
         error = rng.standard_normal((4, 3)) * [place, place, np.deg2rad(turn)]

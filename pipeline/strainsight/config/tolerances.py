@@ -109,6 +109,12 @@ class Tolerances(GaugeTolerances):
         description="Relative standard deviation of the measured value of a known load, from load cell and amplifier [-]. ISO "
         "7500-1 permits ±1 % for class 1 and ±0.5 % for class 0.5.",
     )
+    mesh: Annotated[NotNegative, Plausible(0.1, 10.0)] = expert(
+        0.0,
+        description="Factor on the estimated mesh error of each strain gauge, which then is its standard deviation [-]. The "
+        "estimate is the difference of nodally averaged strain and element strain at the gauge. Use 1 for coarse meshes; 0: the "
+        "strain of the mesh is exact.",
+    )
     damping: Annotated[float, Plausible(1.0, 10.0)] = Field(
         1.5,
         ge=1,

@@ -10,6 +10,7 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
+from strainsight.sensors.mesh_error import mesh_error_matrix
 from strainsight.sensors.strain_operator import (
     ChannelPoints,
     channel_rows,
@@ -44,8 +45,9 @@ class Sensitivity:
     common_gain [strain]: relative error common to all strain gauges; zero for motion sensors
     transverse [strain]: transverse sensitivity K_t of a strain gauge; zero for motion sensors, which have tilts
     along_twice, across_twice, along_across [unit of the channel/m²], turned_twice [unit/rad²]: second derivatives
+    mesh [strain]: estimated error of a strain gauge by the mesh (`mesh_error_matrix`); zero for motion sensors
 
-    Gain and transverse belong to each channel, the others to a gauge, whose channels move and rotate as one."""
+    Gain, transverse and mesh belong to each channel, the others to a gauge, whose channels move and rotate as one."""
 
     along: np.ndarray
     across: np.ndarray
@@ -59,6 +61,7 @@ class Sensitivity:
     across_twice: np.ndarray
     along_across: np.ndarray
     turned_twice: np.ndarray
+    mesh: np.ndarray
 
 
 SECOND = ("along_twice", "across_twice", "along_across", "turned_twice")
@@ -66,7 +69,7 @@ COMMON = ("along", "across", "angle", "tilt_along", "tilt_across", *SECOND)
 """Errors that all channels of a gauge have in common."""
 COMMON_GAIN = "common_gain"
 """Error that all strain gauges have in common."""
-PER_CHANNEL = ("gain", "transverse")
+PER_CHANNEL = ("gain", "transverse", "mesh")
 """Errors of a single channel."""
 
 
@@ -78,6 +81,7 @@ def sensitivity_rows(
     *,
     facets: Facets | Skin | None = None,
     thickness: Thickness | None = None,
+    mesh: bool = False,
 ) -> Sensitivity:
     """Changes of the readings of displacement fields by position, rotation and imperfections of gauges:
 
@@ -97,8 +101,8 @@ def sensitivity_rows(
     material.
 
     position (n, 3) [m]; candidates (m); field (3n, r) [m per unit], row 3·node + component; std σ [m] of the position along
-    each direction, 0 leaves its rows zero; facets of the whole surface; thickness as in `channel_matrix`. Raises InfeasibleError
-    as `channel_matrix` does.
+    each direction, 0 leaves its rows zero; facets of the whole surface; thickness as in `channel_matrix`; mesh: whether to
+    estimate errors by the mesh, else zero. Raises InfeasibleError as `channel_matrix` does.
     Sources: Micro-Measurements, Tech Notes TN-509 (transverse sensitivity) and TN-511 (misalignment); Gelb, Applied Optimal
     Estimation (1974), section 6.2 (statistical linearisation)."""
     candidates = candidates.grids
@@ -134,6 +138,7 @@ def sensitivity_rows(
         across_twice=second[1],
         along_across=second[2],
         turned_twice=np.where(straining, 2 * (transverse_reading - reading), -reading),
+        mesh=mesh_error_matrix(position, points, len(candidates), skin.facets, thickness) @ z if mesh else nothing,
     )
 
 
@@ -141,7 +146,7 @@ def given_sensitivity(rows: np.ndarray) -> Sensitivity:
     """Sensitivity of channels with imported rows (m, r), without a surface: their gain only."""
     nothing = np.zeros_like(rows)
     return Sensitivity(
-        nothing, nothing, nothing, nothing, nothing, rows, rows, nothing, nothing, nothing, nothing, nothing
+        nothing, nothing, nothing, nothing, nothing, rows, rows, nothing, nothing, nothing, nothing, nothing, nothing
     )
 
 
@@ -205,7 +210,8 @@ def normals_of(position: np.ndarray, points: ChannelPoints) -> np.ndarray:
 @dataclass(frozen=True)
 class InstallationStd:
     """σ of installation errors: position [m] along each of two directions; angle [rad]; gain [-];
-    common_gain [-] of all strain gauges; transverse [-]: K_t; offset [strain]. At the end of a record: drift [strain] of the
+    common_gain [-] of all strain gauges; transverse [-]: K_t; mesh [-]: factor on the estimated error by the mesh; offset
+    [strain]. At the end of a record: drift [strain] of the
     zero, temperature [K] of the part, which changes all gauges by thermal_output [strain/K], and each gauge in addition by
     thermal_spread [strain/K]."""
 
@@ -214,6 +220,7 @@ class InstallationStd:
     gain: float = 0.0
     common_gain: float = 0.0
     transverse: float = 0.0
+    mesh: float = 0.0
     offset: float = 0.0
     drift: float = 0.0
     temperature: float = 0.0
@@ -232,7 +239,7 @@ class InstallationStd:
         place, turn = self.position, self.angle
         first = {"along": place, "across": place, "angle": turn, "tilt_along": turn, "tilt_across": turn}
         twice = {"along_twice": place**2 / 2**0.5, "across_twice": place**2 / 2**0.5, "along_across": place**2}
-        gains = {"gain": self.gain, COMMON_GAIN: self.common_gain, "transverse": self.transverse}
+        gains = {"gain": self.gain, COMMON_GAIN: self.common_gain, "transverse": self.transverse, "mesh": self.mesh}
         return first | twice | {"turned_twice": turn**2 / 2**0.5} | gains
 
     def mean(self, sensitivity: Sensitivity) -> np.ndarray:
@@ -247,7 +254,7 @@ class Installation:
 
     place (gauges, 2) [m] along the `installation_axes`; angle (gauges,) [rad] about the normal; tilt (gauges, 2) [rad] about
     those axes, of motion sensors; gain (g,) relative error of the reading; transverse (g,) K_t; offset (m,) [strain], constant;
-    drift (m,) [strain] at the end of the record, t/T of it before.
+    drift (m,) [strain] at the end of the record, t/T of it before; mesh (g,) error by the mesh, over its estimate.
 
     """
 
@@ -258,6 +265,7 @@ class Installation:
     transverse: np.ndarray
     offset: np.ndarray
     drift: np.ndarray
+    mesh: np.ndarray
 
     def take(self, candidates: Candidates, gauges: np.ndarray) -> Installation:
         """Installation of some gauges (k,) of the candidates, in their order."""
@@ -270,6 +278,7 @@ class Installation:
             self.transverse[grids],
             self.offset[channels],
             self.drift[channels],
+            self.mesh[grids],
         )
 
 
@@ -289,6 +298,7 @@ def sample_installation(candidates: Candidates, std: InstallationStd, rng: np.ra
     drift, warmer = std.drift * rng.standard_normal(m), std.temperature * rng.standard_normal()
     of_kelvin = std.thermal_output + std.thermal_spread * rng.standard_normal(grids.gauges)
     common = std.common_gain * rng.standard_normal() * straining
+    mesh = std.mesh * rng.standard_normal(len(grids))
     return Installation(
         place=std.position * of_gauge[:, :2],
         angle=std.angle * of_gauge[:, 2],
@@ -297,6 +307,7 @@ def sample_installation(candidates: Candidates, std: InstallationStd, rng: np.ra
         transverse=std.transverse * of_grid[:, 1] * straining,
         offset=std.offset * of_grid[:m, 2] * straining[:m],
         drift=(drift + warmer * candidates.read(of_kelvin[grids.gauge])) * straining[:m],
+        mesh=mesh,
     )
 
 
@@ -307,10 +318,10 @@ def installation_variance(
 
         vⱼ = Σₖ σₖ² mean_t (sₖⱼ·q)² = Σₖ σₖ² sₖⱼ C sₖⱼᵀ,     C = mean_t q qᵀ,   of accelerometers of q̈
 
-    k: position and rotations, to second order, gain and transverse sensitivity. For strain, σ² of the offset and a third of
-    the final variance of the drift are added. Errors common to all gauges, gain and thermal output, are not. Bonded gauges
-    have errors of gain, K_t, offset and drift only. Variances of the arms of a bridge are added. still, moving (r, r): C of the
-    coordinates and of their accelerations. Returns (m,) [unit² of the channel].
+    k: position and rotations, to second order, gain, transverse sensitivity and mesh. For strain, σ² of the offset and a third
+    of the final variance of the drift are added. Errors common to all gauges, gain and thermal output, are not. Bonded gauges
+    have errors of gain, K_t, mesh, offset and drift only. Variances of the arms of a bridge are added. still, moving (r, r): C
+    of the coordinates and of their accelerations. Returns (m,) [unit² of the channel].
 
     """
     grids = candidates.grids
@@ -338,9 +349,9 @@ def installed_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Strain operator of the gauges as installed, for displacement fields, without offset and drift:
 
-        (1 + g)(ε + K_t ε_t)/(1 − ν₀ K_t),   ε and ε_t along and across each grid at its actual position and direction
+        (1 + g)((ε + K_t ε_t)/(1 − ν₀ K_t) + e),   ε and ε_t along and across each grid at its actual position and direction
 
-    summed over the arms of a bridge.
+    summed over the arms of a bridge; e: error by the mesh.
     position (n, 3) [m]; field (3n, r) [m per unit]; facets of the whole surface; thickness as in `channel_matrix`. Returns rows
     (m, r) [unit of the channel], and which gauges (gauges,), of bridges any arm, a sharp edge has limited in their movement. K_t
     as in `sensitivity_rows`. Raises InfeasibleError if the grid of a gauge crosses a sharp edge."""
@@ -356,6 +367,9 @@ def installed_rows(
     if k.any():
         aside = replace(points, direction=np.cross(normals_of(position, points), points.direction))
         rows = (rows + k * (matrix_of(position, aside, len(grids), thickness) @ z)) / (1 - CALIBRATION_POISSON * k)
+    if installation.mesh.any():
+        error = mesh_error_matrix(position, points, len(grids), skin.facets, thickness)
+        rows = rows + installation.mesh[:, None] * (error @ z)
     any_limited = candidates.any_grid(limited[grids.gauge])[candidates.first]
     return candidates.read((1 + installation.gain[:, None]) * rows), any_limited
 

@@ -19,7 +19,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=33,
+    version=34,
     reads=(
         "seed",
         "mesh.length_unit",

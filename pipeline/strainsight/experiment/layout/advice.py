@@ -61,6 +61,7 @@ REMEDY = {
     "gain": "calibrate the channels more accurately",
     "common gain": "calibrate the amplifier with a shunt, or use gauges of several batches",
     "transverse sensitivity": "use gauges of known transverse sensitivity",
+    "mesh": "refine the mesh around the gauges, or use quadratic elements",
     "offset": "zero the channels more accurately",
     "drift": "use channels with less drift, or a shorter record",
     "temperature": "keep the temperature constant, or add compensation gauges on an unloaded part",

@@ -47,6 +47,7 @@ SOURCE = {
     "gain": "gain",
     COMMON_GAIN: "common gain",
     "transverse": "transverse sensitivity",
+    "mesh": "mesh",
     "along_twice": "position",
     "across_twice": "position",
     "along_across": "position",
@@ -156,11 +157,12 @@ def not_held_in_words(structure: Structure) -> tuple[str, ...]:
     """Sentences on tolerances that σ does not include."""
     sentences, tolerances, loads = [], structure.tolerances, structure.config.loads
     if structure.training.strain_operator is not None and (
-        tolerances.position or tolerances.angle or tolerances.transverse
+        tolerances.position or tolerances.angle or tolerances.transverse or tolerances.mesh
     ):
         sentences.append(
-            "σ does not include position, angle and transverse sensitivity errors of imported gauges, because the "
-            "imported strain operator has no gradients (tolerances.position, tolerances.angle, tolerances.transverse)"
+            "σ does not include position, angle, transverse sensitivity and mesh errors of imported gauges, because the "
+            "imported strain operator has no gradients (tolerances.position, tolerances.angle, tolerances.transverse, "
+            "tolerances.mesh)"
         )
     change = structure.reduced.misaligned.shape
     for key, std, of in (

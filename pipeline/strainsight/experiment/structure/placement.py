@@ -50,6 +50,7 @@ from strainsight.experiment.structure.problem import (
 )
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
+from strainsight.experiment.structure.slow_load import slow_load_advice
 from strainsight.experiment.structure.start import ringing_in_words
 from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.tolerated_masses import sensor_masses_in_words
@@ -112,6 +113,7 @@ def placement_of(
         *advice_at_gauges(sites, listed.labels, bonded),
         *(() if by_case is None else cases_in_words(by_case, config.place.aggregate)),
         *placement.advice,
+        *subject.slow_loads(gauges, placement.expected),
     )
     noted = replace(listed, notes=notes_at_gauges(sites, len(listed.labels)))
     return StructurePlacement(
@@ -195,6 +197,13 @@ class _OnStructure(Subject):
         """Expected σ in every load case."""
         tolerances = tolerated(self.structure, self.problem.channels.of(gauges))
         return [expectation(problem, gauges, tolerances) for problem in self.problems]
+
+    def slow_loads(self, gauges: np.ndarray, expected: Expectation) -> tuple[str, ...]:
+        """Advice on slower loads; none with load cases, or if the training simulation is static."""
+        if self.problems[0].run.name or self.config.train.model == "static":
+            return ()
+        tolerances = tolerated(self.structure, self.problem.channels.of(gauges))
+        return tuple(slow_load_advice(self.problem, tolerances, gauges, expected))
 
     def listed(self, gauges: np.ndarray) -> GaugeList:
         return listed_gauges(gauges, self.structure.training, self.screened)

@@ -91,4 +91,12 @@ class Structure:
         if training.strain_operator is not None:
             return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
         std, part = self.installation.position, self.pool.take(channels)
-        return sensitivity_rows(self.mesh.position, part, self.field, std, facets=self.skin, thickness=self.thickness)
+        return sensitivity_rows(
+            self.mesh.position,
+            part,
+            self.field,
+            std,
+            facets=self.skin,
+            thickness=self.thickness,
+            mesh=self.installation.mesh > 0,
+        )

@@ -139,6 +139,7 @@ def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
         ("gain", 100, "channel gain {:g} %", True),
         ("common_gain", 100, "common gain of all gauges {:g} %", True),
         ("transverse", 100, "transverse sensitivity {:g} %", moved),
+        ("mesh", 1, "{:g} times the estimated mesh error of gauges", moved),
         ("offset", 1e6, "channel offset {:g} µm/m", True),
         ("drift", 1e6, "channel drift {:g} µm/m", True),
         ("temperature", 1, "temperature {:g} K", any(installation_std(tolerances).warmed)),
