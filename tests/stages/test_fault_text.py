@@ -59,13 +59,13 @@ def test_what_is_inspected_follows_the_candidates(kinds, places):
 def test_a_cause_of_the_model_is_the_one_message(monkeypatch, cause):
     """Words, `fault` of the summary and candidates of the artefact name it, and no sentence denies it."""
     shifted, pattern = ShiftedMode(0, 0.9, 6.0), ResidualPattern(8.0, 0.9, np.array([0.2, 0.8]), 100.0)
-    channels = ChannelCheck(*np.ones((4, 2)))
+    channels = ChannelCheck(*np.ones((4, 2)), by_others=True)
     finding = Diagnosis(True, Explained(None, 0.0, 5.0), channels, **{cause: {"shifted": shifted, "pattern": pattern}[cause]})
     check = RecordCheck(finding, SimpleNamespace(model=MODEL), (0, 0, 9.0), (0, 2))
     monkeypatch.setattr(consistency, "check_record", lambda *_: check)
     test = SimpleNamespace(labels=("G1", "G2"), time=np.arange(4.0), record=SimpleNamespace(channels="estimate.channels"))
     result = consistency.check_consistency(test, SimpleNamespace(known=(), model=MODEL.model), None, 0.0, lambda share: None)
-    assert {"shifted": "mode 1 is measured at", "pattern": "an unmodelled load"}[cause] in result.named
+    assert {"shifted": "mode 1 is measured at", "pattern": "an unmodelled load, inertia force"}[cause] in result.named
     assert result.words == f"the measurements are inconsistent with the model: {result.named}"
     assert result.check.candidate == (result.named,)
     assert "no single fault" not in result.words
