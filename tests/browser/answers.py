@@ -31,7 +31,7 @@ def shown(found: Opened) -> dict[tuple[str, ...], list[float]]:
     numbers: dict[tuple[str, ...], list[float]] = {}
     for place, value, text in found.page.evaluate(WHERE):
         assert rounded(Number(float(value), text, str(place))), (place, value, text)
-        place[-1] = re.sub(r"^best metric of the other .*? \(.*\)$", "best other rule", place[-1])
+        place[-1] = re.sub(r"^best criterion of the other .*? \(.*\)$", "best other rule", place[-1])
         numbers.setdefault(tuple(place), []).append(float(value))
     return numbers
 
@@ -72,9 +72,9 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
         for i, position in enumerate(place["selected/final/position"][()]):
             for axis, value in zip("xyz", position, strict=True):
                 found[f"G{i + 1}", f"{axis} [m]"] = [value]
-        bound = "gap to the optimal layout"
+        bound = "gap of the criterion to its lower bound"
         found[bound, "value"] = [max(chosen["gap"], 0.0)]
-        found[bound, "metric tr(W P)"] = [chosen["trace_final"]]
+        found[bound, "placement criterion tr(W P)"] = [chosen["trace_final"]]
         found[bound, "lower bound"] = [chosen["lower_bound"]]
         found[bound, "best other rule"] = [_best_other(place)]
     return {where: [float(value) for value in values] for where, values in found.items()}

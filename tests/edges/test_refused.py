@@ -70,7 +70,7 @@ BENCHES = [
     ("place.noise", "a change of side by its `increment`", {"estimate.inputs.side.increment": 1e30}),
     (
         "estimate.sensors.gauges.noise",
-        "the noise of 1e-30 and all readings are nearly zero; the smallest accepted noise is 1e-12",
+        "the noise of 1e-30 and all predicted readings are nearly zero; the smallest accepted noise is 1e-12",
         {"estimate.sensors.gauges.noise": 1e-30},
     ),
     ("estimate.sensors.gauges.noise", "if an unknown changes by its initial σ", {"estimate.inputs.side.std": 1e30}),

@@ -139,7 +139,7 @@ REFUSED = {
     "a gravity of 1e300 m/s²": (1, "simulate", {"forces": HEAVY}),
     "an unknown load along the hinge": (2, UNFELT, sought(load=load(direction="[0, 1, 0]"))),
     "sensors that read nothing but noise": (2, UNFELT, sought(noise="1.0e+9")),
-    "a load of 1e12 N, perhaps": (2, "below rounding errors", sought("{F: {std: 1.0e+12, increment: 1}}")),
+    "a load of 1e12 N, perhaps": (2, "smaller than the rounding errors", sought("{F: {std: 1.0e+12, increment: 1}}")),
     "an angle that jumps": (2, "joints.drive.drive", driven(HINGE, signal="{type: ramp, end: 6, duration: 1.0e-3}")),
     "an angle that the pose has not": (2, "bodies.bob.pose", driven(HINGE, signal=constant(1.0))),
     "an angle half a turn on": (2, "half a turn", driven(HINGE, signal=constant(np.pi))),
@@ -151,7 +151,9 @@ REFUSED = {
     ),
     "a cylinder longer than its joints": (2, "block the drives", stretched(3.0)),
     "a cylinder at its dead centre": (2, "dead centre", stretched(2.0)),
-    "a cylinder of no length": (2, "joints.drive.drive.signal: the driven length is 0 m at t = 0.1 s", stretched(0.0)),
+    "a cylinder of no length": (
+        2, "joints.drive.drive.signal: the drive sets a distance of 0 m between the frames at t = 0.1 s", stretched(0.0),
+    ),
     "a place beyond the reach of a hinge": (
         2,
         "block the drives",

@@ -143,8 +143,11 @@ NOWHERE, EVERYWHERE = Box((5, 5, 5), (6, 6, 6)), Box((-1, -1, -1), (2, 2, 2))
     [
         ({"surface": "lonely"}, "gauges.surface", "step: 112 exterior facets, 0 facets on the surface 'lonely'"),
         ({"include": (NOWHERE, NOWHERE)}, "gauges.include", "removes the last 80 facets"),
-        ({"exclude": (NOWHERE, EVERYWHERE)}, "gauges.exclude.1", "80 facets outside exclude.0, 0 facets outside exclude.1"),
-        ({"include": (EVERYWHERE,), "exclude": (EVERYWHERE,)}, "gauges.exclude.0", "80 facets in included zones"),
+        (
+            {"exclude": (NOWHERE, EVERYWHERE)}, "gauges.exclude.1",
+            "80 facets outside gauges.exclude.0, 0 facets outside gauges.exclude.1",
+        ),
+        ({"include": (EVERYWHERE,), "exclude": (EVERYWHERE,)}, "gauges.exclude.0", "80 facets in the zones of gauges.include"),
     ],
 )
 def test_step_without_remaining_facet_is_reported(arguments, key, count, box_mesh):

@@ -176,7 +176,7 @@ def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason():
     two = json.dumps([{"position": place, "direction": [1, 0, 0]} for place in GAUGES[:2]])
     found, said = estimated(EACH, f"sensors.gauges.gauges={two}", sensors={"gauges": {"noise": 2e-8}})
     assert np.isnan(found["/sensors/gauges/predicted"]).all()
-    assert "the filter of the other channels failed: estimate.inputs: the sensors cannot determine side and down together" in said
+    assert "the filter without gauges.1 failed: estimate.inputs: the sensors cannot determine side and down together" in said
     assert "hold_out.inside" not in found.summary
 
 

@@ -221,7 +221,7 @@ def test_figures_of_a_placement_are_those_of_its_page(artefacts, job):
     assert sum(name.endswith(".svg") for name in files) == len(captions) > 5
     assert all(escape(caption) in page for caption in captions)
     trend = list(csv.reader(io.StringIO(files["trend.csv"].decode())))
-    column = trend[0].index("tr(W P): metric tr(W P) [–]")
+    column = trend[0].index("tr(W P): placement criterion tr(W P) [–]")
     drawn = [float(row[column]) for row in trend[1:]]
     np.testing.assert_allclose(drawn, artefacts["place"]["/elimination/trace"], rtol=1e-8)
 

@@ -223,8 +223,8 @@ class PointMassSection(Section):
 
 
 class Face(Section):
-    """A named part of the surface: each of `near`, `normal`, `box` and `radius` selects facets. The face consists of
-    the facets that all set keys select."""
+    """A named part of the surface. Each of `near`, `normal`, `box` and `radius` selects facets; the face consists of
+    the facets selected by every specified key."""
 
     near: Point | Annotated[tuple[Point, ...], Field(min_length=1)] | None = Field(
         None,
@@ -322,9 +322,11 @@ class Matrices(Section):
         "CalculiX .dof file."
     )
     stiffness: Annotated[tuple[MatrixTerm, ...], Field(min_length=1)] = Field(
-        description="Terms of the stiffness matrix."
+        description="One or more matrix files; the stiffness matrix is the sum of these terms."
     )
-    mass: Annotated[tuple[MatrixTerm, ...], Field(min_length=1)] = Field(description="Terms of the mass matrix.")
+    mass: Annotated[tuple[MatrixTerm, ...], Field(min_length=1)] = Field(
+        description="One or more matrix files; the mass matrix is the sum of these terms."
+    )
 
 
 Step = Annotated[Id, Field(ge=0)] | Text

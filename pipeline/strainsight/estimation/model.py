@@ -60,13 +60,13 @@ class FilterModel:
             if name in self.known_inputs:
                 raise ConfigError(
                     f"input {name} is both known and estimated",
-                    remedy="remove the input from `known_inputs` or from `unknowns.inputs`",
+                    remedy="remove the input from `FilterModel.known_inputs` or from `FilterModel.unknowns.inputs`",
                 )
         for name in self.model.parameters:
             if name not in self.fixed and name not in self.unknowns.parameters:
                 raise ConfigError(
                     f"parameter {name} has no value",
-                    remedy="add the parameter to `unknowns.parameters`, or set its value in `fixed`",
+                    remedy="add the parameter to `FilterModel.unknowns.parameters`, or set its value in `FilterModel.fixed`",
                 )
 
     @property

@@ -194,25 +194,26 @@ class Springs:
         IntArray,
         Column(
             "1",
-            "part",
-            "index of the spring; a spring has one part for each node motion that elongates it",
+            "term",
+            "index of the spring; a spring has one term for each node motion that elongates it",
             offset="part_offset",
         ),
     ]
     node: Annotated[
-        IntArray, Column("1", "part", "index of the node whose motion elongates the spring", offset="part_offset")
+        IntArray, Column("1", "term", "index of the node whose motion elongates the spring", offset="part_offset")
     ]
     component: Annotated[
         IntArray,
-        Column("1", "part", "component of the node motion: 0-2 translations, 3-5 rotations", offset="part_offset"),
+        Column("1", "term", "component of the node motion: 0-2 translations, 3-5 rotations", offset="part_offset"),
     ]
     value: Annotated[
-        FloatArray, Column("SI", "part", "spring elongation per m or rad of the node motion", offset="part_offset")
+        FloatArray,
+        Column("SI", "term", "elongation of the spring per m or rad of this node motion", offset="part_offset"),
     ]
 
     @property
     def torsion(self) -> NDArray[np.bool_]:
-        """(s,): springs of which every part is a rotation."""
+        """(s,): springs with rotations only."""
         turns = np.ones(len(self.stiffness), dtype=bool)
         turns[self.spring[self.component < 3]] = False
         return turns

@@ -111,10 +111,10 @@ class RigidBody:
         least = float(np.linalg.eigvalsh(central)[0])
         if least < -1e-9 * max(float(np.trace(self.second)), np.finfo(float).tiny):
             raise InfeasibleError(
-                f"body {self.name}: no mass distribution has this inertia, because the second moment of mass in one "
-                f"direction through the centre of mass is negative ({least:.3g} kg m²)",
-                remedy="specify the inertia about the origin of the body, not about the centre of mass; any two principal "
-                "moments of inertia together must exceed the third moment",
+                f"body {self.name}: no mass distribution has the inertia tensor in `RigidBody.inertia`; its second moment of "
+                f"mass in one direction through the centre of mass is negative ({least:.3g} kg m²)",
+                remedy="set `RigidBody.inertia` to the inertia tensor about the origin of the body, not about the centre of "
+                "mass; no principal moment may exceed the sum of the other two",
             )
 
     @property
@@ -215,8 +215,8 @@ def metric(body: Body) -> np.ndarray:
     radius2 = float(np.trace(second)) / 3
     if not radius2 > 0:
         raise InfeasibleError(
-            f"body {body.name} has no inertia about the origin of the body",
-            remedy="specify the moments of inertia of the body",
+            f"all moments of inertia of body {body.name} about the origin of the body are zero",
+            remedy="specify nonzero moments of inertia",
         )
     return np.sqrt(np.concatenate([np.full(3, mass), np.full(9, radius2), modal]))
 

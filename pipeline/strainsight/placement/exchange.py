@@ -117,10 +117,12 @@ def exchange(
     chosen = np.sort(np.asarray(gauges, dtype=int))
     bounded = as_limits(len(pools[0].rows), len(chosen) if limits is None else limits)
     if not bounded.allows(chosen):
-        raise ValueError("an exchange must start from a layout within the limits that contains the fixed gauges")
+        raise ValueError(
+            "an exchange of gauges must start from a layout within the limits that contains the fixed gauges"
+        )
     loops = loops_of(pools, chosen)
     if loops is None:
-        raise ValueError("an exchange must start from a set of gauges that makes every unknown observable")
+        raise ValueError("an exchange of gauges must start from a set of gauges that makes every unknown observable")
     costs = [_cost(pools, loops, aggregate)]
     swaps: list[tuple[int, int]] = []
     solves, complete = 0, False

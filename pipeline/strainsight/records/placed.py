@@ -115,7 +115,7 @@ class Selection:
     load: np.ndarray | None = dataset(
         "1",
         "gauge",
-        "largest reading of every gauge in the stage `train`, divided by the measuring range; NaN: measuring "
+        "largest absolute reading of every gauge in the stage `train`, divided by the measuring range; NaN: measuring "
         "range not specified",
         default=None,
     )

@@ -22,10 +22,12 @@ class RunRows:
     group: tuple[str, ...] = dataset("1", "/name", "name of the group of every run; empty: no group")
     at: np.ndarray = dataset("SI", "/name", "value of the config key that the runs of the study vary")
     gauges: np.ndarray = dataset("1", "/name", "number of gauges in the layout of every run")
-    pool: np.ndarray = dataset("1", "/name", "number of candidate gauges that pass the screening in every run")
+    pool: np.ndarray = dataset(
+        "1", "/name", "number of candidate gauges in every run that remain after the stage `screen`"
+    )
     metric: tuple[str, ...] = dataset("1", "/name", "name of the placement criterion")
     metric_initial: np.ndarray = dataset(
-        "1", "/name", "value of the placement criterion with all candidates that pass the screening"
+        "1", "/name", "value of the placement criterion with all candidates that remain after the stage `screen`"
     )
     metric_final: np.ndarray = dataset("1", "/name", "value of the placement criterion with the layout")
     gap: np.ndarray = dataset("1", "/name", "optimality gap: (metric_final − lower bound) / metric_final")
@@ -135,10 +137,11 @@ class ComparisonRows:
     verdict: tuple[str, ...] = dataset(
         "1",
         "/source",
-        "result of the comparison: holds, holds with the published settings only, holds with other settings only, "
-        "contradicted, no number (filter diverged), or not measured (no run)",
+        "comparison of statement and runs: `holds` (with all settings), `holds with the published settings only`, "
+        "`holds with other settings only`, or `contradicted`. Without a result: `no number` (filter diverged) or "
+        "`not measured` (no run)",
     )
-    why: tuple[str, ...] = dataset("1", "/source", "explanation of the result of the comparison")
+    why: tuple[str, ...] = dataset("1", "/source", "explanation of `verdict`")
 
 
 @record

@@ -120,7 +120,9 @@ class CaseMotion:
     coordinate: np.ndarray = dataset("kg^1/2 m", "instant × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("kg^1/2 m/s", "instant × coordinate", "reduced velocities")
     rms: np.ndarray = dataset("unit of the channel", "channel", "RMS reading of every channel in this load case")
-    peak: np.ndarray = dataset("unit of the channel", "channel", "largest reading of every channel in this load case")
+    peak: np.ndarray = dataset(
+        "unit of the channel", "channel", "largest absolute reading of every channel in this load case"
+    )
 
 
 @record
@@ -173,13 +175,16 @@ class Training:
         "unit of the channel", "channel", "RMS reading of every channel under the configured loads", path="/rms"
     )
     peak_as_stated: np.ndarray = dataset(
-        "unit of the channel", "channel", "largest reading of every channel under the configured loads", path="/peak"
+        "unit of the channel",
+        "channel",
+        "largest absolute reading of every channel under the configured loads",
+        path="/peak",
     )
     cases: dict[str, CaseMotion] = group(path="/load_cases/<name>")
     arm_peak: np.ndarray | None = dataset(
         "unit of the channel",
         "channel",
-        "largest reading of a single bridge arm of every channel, over all load cases; only stored if there are "
+        "largest absolute reading of a single bridge arm of every channel, over all load cases; only stored if there are "
         "bridges",
         default=None,
     )
@@ -269,7 +274,9 @@ class Screened:
     """screen.h5."""
 
     kept: np.ndarray = dataset(
-        "1", "screened gauge", "numbers of the candidate gauges that pass the screening, in ascending order"
+        "1",
+        "screened gauge",
+        "numbers of the candidate gauges that remain after the stage `screen`, in ascending order",
     )
     snr: np.ndarray = dataset(
         "1",
@@ -277,7 +284,9 @@ class Screened:
         "largest ratio of RMS reading to noise, over all load cases and unknowns (each unknown alone). With "
         "`screen.by: strength`: ratio of the RMS reading in the stage `train` to the noise",
     )
-    reason: np.ndarray = dataset("1", "gauge", "reason why screening removed the gauge; empty: the gauge remains")
+    reason: np.ndarray = dataset(
+        "1", "gauge", "reason why the stage `screen` removed the gauge; empty: the gauge remains"
+    )
     clearance: Clearance | None = group(default=None)
     noise_std: np.ndarray = dataset(
         "unit of the channel",

@@ -112,7 +112,7 @@ class Validated(UnknownHistories):
     noise: NoiseStudy = group(what="noise level")
     repeats: Starts = group(what="repeated filter run with other noise and initial values")
     screened: RandomSetErrors = group(
-        path="/random_sets/screened", what="random gauge set from the candidates that pass the screening"
+        path="/random_sets/screened", what="random gauge set from the candidates that remain after the stage `screen`"
     )
     all: RandomSetErrors = group(path="/random_sets/all", what="random gauge set from all candidates")
     sweep: SweepTable | None = group(default=None)

@@ -275,7 +275,9 @@ def files_of(stage: Stage, job: Job) -> dict[str, Path]:
             if (value := look_up(job.config, key)) is None:
                 continue
             if key not in expand(config, key):
-                raise ValueError(f"Stage.files of the stage '{stage.name}' contains '{key}'; add it to Stage.reads too")
+                raise ValueError(
+                    f"definition of the stage '{stage.name}': `files` contains the key '{key}', but `reads` does not"
+                )
             files[key] = _input_path(key, str(value), job)
     return files
 

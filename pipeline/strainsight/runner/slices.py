@@ -83,7 +83,7 @@ def prune(data: Mapping[str, Any], reads: tuple[str, ...]) -> dict[str, Any]:
     for pattern in reads:
         paths = expand(data, pattern)
         if not paths and "*" not in pattern:
-            raise ValueError(f"Stage.reads of a stage contains '{pattern}', but the config has no such key")
+            raise ValueError(f"definition of a stage: `reads` contains '{pattern}', but the config has no such key")
         before_star = pattern.split(".*")[0]
         if "*" in pattern and expand(data, before_star):
             _put(selected, before_star, {})

@@ -210,11 +210,11 @@ def admissible(
         if include:
             with blame(f"{key}.include"):
                 zones = [inside(zone, mesh, facets, centre, normal) for zone in include]
-            yield f"{key}.include", "facets in included zones", np.any(zones, axis=0)
+            yield f"{key}.include", f"facets in the zones of {key}.include", np.any(zones, axis=0)
         for i, zone in enumerate(exclude):
             with blame(f"{key}.exclude.{i}"):
                 in_zone = inside(zone, mesh, facets, centre, normal)
-            yield f"{key}.exclude.{i}", f"facets outside exclude.{i}", ~in_zone
+            yield f"{key}.exclude.{i}", f"facets outside {key}.exclude.{i}", ~in_zone
 
     for where, what, mask in steps():
         before, remaining = remaining, remaining & mask

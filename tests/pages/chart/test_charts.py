@@ -91,7 +91,8 @@ def test_every_figure_of_a_report_has_its_three_files_with_units(full):
     trend = columns(files["trend.csv"])
     shown = np.isfinite(report.trend.value)
     np.testing.assert_allclose(np.array(trend["remaining gauges [–]"], float), report.trend.count[shown])
-    np.testing.assert_allclose(np.array(trend["tr(W P): metric tr(W P) [–]"], float), report.trend.value[shown], 1e-8)
+    metric = np.array(trend["tr(W P): placement criterion tr(W P) [–]"], float)
+    np.testing.assert_allclose(metric, report.trend.value[shown], 1e-8)
     for name, content in files.items():
         if name.endswith(".csv") and name != INDEX:
             assert any("[" in head for head in columns(content)), name

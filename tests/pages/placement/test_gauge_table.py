@@ -51,8 +51,8 @@ def test_places_and_distances_to_edges_are_in_the_unit_and_axes_of_the_datum(ful
     )
     text = gauge_table(replace(report, layout=replace(report.layout, gauges=gauges, frame=frame)))
     found = rows(replace(report, layout=replace(report.layout, gauges=gauges, frame=frame)))
-    assert [row["nearest edges [mm]"] for row in found] == ["12.5|250", "4", "–", "–"]
-    assert [row["angle to nearest edges"] for row in found] == ["−30°|60°", "0°", "–", "–"]
+    assert [row["distance to nearest edges [mm]"] for row in found] == ["12.5|250", "4", "–", "–"]
+    assert [row["angle from nearest edges to measuring direction"] for row in found] == ["−30°|60°", "0°", "–", "–"]
     assert (found[0]["x [mm]"], found[0]["y [mm]"], found[0]["z [mm]"]) == ("900.0", "−20.0", "120.0")
     assert found[0]["direction"] == "−1 0 0"
     assert "datum coordinates: origin (1000 0 0) mm, x axis (-1 0 0), y axis (0 -1 0) in deck coordinates" in text
@@ -80,7 +80,7 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
     text = criteria_table(report.trend, report.metrics, report.criteria, report.units)
     rows = cells(text)
     assert [row[0] for row in rows] == [
-        "|chosen layout| (elimination, exchange)", "certified lower bound of the metric", "log-determinant",
+        "|chosen layout| (elimination, exchange)", "proven lower bound of the placement criterion", "log-determinant",
         "effective independence",
         "random layout (median of 10 layouts)",
     ]  # fmt: skip

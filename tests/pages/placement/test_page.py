@@ -157,7 +157,7 @@ def test_a_placement_without_validation_bound_or_picture_has_a_page(bare):
     text = page(bare, None, "no off-screen OpenGL: apt-get install libegl1", drawn=True)
     Outline(text)
     assert "no off-screen OpenGL" in text
-    assert "not certified" in text
+    assert "not computed" in text
     for missing in ("Estimates", "Comparison with random", "Noise and repeats", "Warnings", "nan", "None"):
         assert missing not in text.split("</style>")[1]
 

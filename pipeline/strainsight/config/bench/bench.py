@@ -45,7 +45,7 @@ class CandidateSensor(Priced):
 
 
 class OnFlexibleBody(Section):
-    """Common key of the sections that refer to a flexible body."""
+    """Key shared by all sections that refer to a flexible body."""
 
     body: FlexibleName = Field(description="Name of the flexible body.")
 

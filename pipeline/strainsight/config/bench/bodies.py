@@ -80,7 +80,7 @@ class PoseSection(Section):
 
 
 class InertiaSection(Section):
-    """Moments of inertia about the centre of mass, in body axes [kg m²]: xx = ∫ρ(y² + z²), xy = −∫ρxy."""
+    """Moments and products of inertia about the centre of mass, in body axes [kg m²]: xx = ∫ρ(y² + z²), xy = −∫ρxy."""
 
     xx: Annotated[Positive, INERTIA] = Field(description="Moment of inertia about the centroidal body x axis [kg m²].")
     yy: Annotated[Positive, INERTIA] = Field(description="Moment of inertia about the centroidal body y axis [kg m²].")
@@ -99,9 +99,7 @@ class InertiaSection(Section):
         least = np.linalg.eigvalsh(0.5 * self.trace * np.eye(3) - tensor)[0]
         if least < -1e-9 * self.trace:
             what = "one principal moment of inertia is larger than the sum of the other two principal moments: this is impossible"
-            yield Problem(
-                "", what, "use moments of inertia about the centre of mass, and products of inertia xy = −∫ρxy"
-            )
+            yield Problem("", what, "specify `inertia` about the centre of mass, with products of inertia xy = −∫ρxy")
 
 
 class Moving(Section):
@@ -126,7 +124,9 @@ class RigidBodySection(Moving):
     centre: Point = Field(
         (0.0, 0.0, 0.0), description="Position of the centre of mass relative to the body origin, in body axes [m]."
     )
-    inertia: InertiaSection = Field(description="Moments of inertia about the centre of mass.")
+    inertia: InertiaSection = Field(
+        description="Moments and products of inertia about the centre of mass, in body axes."
+    )
 
     def problems(self) -> Iterator[Problem]:
         """Radius of gyration √(½ tr I / m), which scales rotations against translations in the mass metric of the joints."""
@@ -298,7 +298,7 @@ class BearingSection(Section):
 
 
 class OfBearings(Section):
-    """Common key of the sections for one, several or all bearings."""
+    """Key shared by all sections for one, several or all bearings."""
 
     bearing: Bearings = Field(
         None, description="Name of the bearing for the computation, or a list of names; null: all bearings."

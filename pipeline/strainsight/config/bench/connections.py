@@ -66,7 +66,7 @@ Signal = Annotated[
 
 
 class Between(Section):
-    """Common keys of joints and forces between two frames."""
+    """Keys shared by all joints and forces between two frames."""
 
     type: str = Field(description="Kind of joint or force.")
     frames: Frames = Field(
@@ -76,7 +76,7 @@ class Between(Section):
 
 
 class Axial(Between):
-    """Common key of joints and forces with an axis."""
+    """Key shared by all joints and forces with an axis."""
 
     axis: Axis = Field(
         "x",
@@ -190,17 +190,17 @@ class Drive(Section):
     def problems(self) -> Iterator[Problem]:
         if self.of == "position" and self.start:
             yield Problem(
-                "start", "has no effect: the signal defines the position at t = 0", "remove the key, or set of: rate"
+                "start", "has no effect: the signal defines the position at t = 0", "remove the key, or set `of: rate`"
             )
         if self.of == "rate" and self.signal.type == "sweep":
-            what = "with of: rate, a sweep is not supported: the position, the integral of a sweep, has no closed form"
+            what = "a sweep is not supported with `of: rate`: the position, the integral of a sweep, has no closed form"
             yield Problem(
-                "signal", what, "set of: position, or save the rate in a CSV file and use a signal of type csv"
+                "signal", what, "set `of: position`, or save the rate in a CSV file and use a signal with `type: csv`"
             )
 
 
 class WithDrive(Section):
-    """Common key of joints with a prescribed motion."""
+    """Key shared by all joints with a prescribed motion."""
 
     drive: Drive = Field(
         description="Prescribed motion of the joint: angle (any number of turns), displacement, or distance (positive)."
@@ -336,7 +336,7 @@ class RegularisedFriction(Section):
 
 
 class Input(Section):
-    """Common key of forces and moments with a time history, which can be estimated."""
+    """Key shared by all forces and moments with a time history, which can be estimated."""
 
     signal: Signal = Field(
         description="Time history of the force [N] or moment [N m]. A positive force of an actuator pushes the origins of "
@@ -375,7 +375,7 @@ Law = Spring | Torsion | Bushing | FrictionSection | Torque | ActuatorSection
 
 
 class AtFrame(Section):
-    """Common key of forces and moments on a frame."""
+    """Key shared by all forces and moments on a frame."""
 
     frame: FrameName = Field(description="Name of the frame on which the force or moment acts.")
 

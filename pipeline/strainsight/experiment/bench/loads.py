@@ -87,8 +87,9 @@ def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray],
                 if isinstance(config.joints[name], DrivenDistance) and not row[0].min(initial=np.inf) > SHORTEST:
                     first = time[np.argmin(row[0])]
                     raise ConfigError(
-                        f"the driven length is {row[0].min():.4g} m at t = {first:.4g} s, so its direction is not defined",
-                        remedy="Set a signal with positive lengths only.",
+                        f"the drive sets a distance of {row[0].min():.4g} m between the frames at t = {first:.4g} s; the "
+                        f"distance must exceed {SHORTEST:g} m",
+                        remedy="Change the signal so that the distance is always positive.",
                     )
         return moved
 

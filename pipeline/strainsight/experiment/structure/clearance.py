@@ -270,7 +270,9 @@ def advice_at_gauges(sites: AtGauges | None, labels: Sequence[str], bonded: Sequ
     for i, label in enumerate(labels):
         if words := sites.steep_in_words(i):
             remedy = (
-                "" if bonded[i] else ". Use a template, a shorter measuring grid or another location for this gauge"
+                ""
+                if bonded[i]
+                else ". Use a positioning template (jig), a shorter measuring grid or another location for this gauge"
             )
             yield f"{label}: {words}{remedy}."
         if not bonded[i]:

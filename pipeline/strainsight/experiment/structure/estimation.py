@@ -188,7 +188,8 @@ class FilteredGauges:
         try:
             results = filter_together([record.of_channels(rest) for record in self.filters])
         except NumericalError as error:
-            return (), f"the filter of the other gauges failed: {error.what}"
+            omitted = ", ".join(self.labels[i] for i in part)
+            return (), f"the filter without {omitted} failed: {error.what}"
         smoothed = [(result.without_sigma() if self.withheld else result).smoothed for result in results]
         return [_predicted(record.of_channels(part), by) for record, by in zip(self.filters, smoothed, strict=True)], ""
 

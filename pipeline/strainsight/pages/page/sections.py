@@ -182,8 +182,14 @@ def budget_section(budget: Mapping[str, Mapping[str, float]]) -> str:
         f'<li><i style="background:var(--{tone})"></i>{escape(source)}</li>' for source, tone in shown.items()
     )
     rows = [[escape(name), *(share(shares.get(source)) for source in order)] for name, shares in budget.items()]
-    head = ["variance of", *map(escape, order)]
-    text = table("shares of the variance of each estimate", head, rows, caption=BUDGET, numeric=range(1, len(head)))
+    head = ["unknown", *map(escape, order)]
+    text = table(
+        "share of each error source in the variance of each estimate",
+        head,
+        rows,
+        caption=BUDGET,
+        numeric=range(1, len(head)),
+    )
     content = f'{bars}<ul class="key">{key}</ul><div class="below">{text}</div>' if budget else ""
     return section("Sources of uncertainty", content)
 

@@ -91,7 +91,7 @@ def trend_figure(trend: Trend) -> Drawing:
     axes.plot(count, value, color=BLUE, lw=2, label=symbol)
     axes.plot([keep], [trend.final], "o", color=BLUE, ms=7, label=f"chosen layout: {number(trend.final)}")
     if trend.lower_bound is not None and np.isfinite(trend.lower_bound):
-        label = f"lower bound of the metric: {number(trend.lower_bound)}"
+        label = f"proven lower bound: {number(trend.lower_bound)}"
         axes.axhline(trend.lower_bound, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label=label)
     if bend is not None:
         at = value[count == bend][0]
@@ -103,20 +103,20 @@ def trend_figure(trend: Trend) -> Drawing:
             axes.set_yscale("log")
     plain_ticks(axes, "x")
     plain_ticks(axes, "y")
-    axes.set(xlabel="remaining gauges [–]", ylabel=f"metric {symbol} [–]")
+    axes.set(xlabel="remaining gauges [–]", ylabel=f"placement criterion {symbol} [–]")
     legend_above(axes, columns=2)
     ratio = trend.final / value[0] if len(value) and value[0] > 0 else np.nan
     caption = (
         f"{trend.metric.meaning.capitalize()} during the elimination of gauges (from right to left). "
-        f"With {keep} of {every} candidates the metric is {number(ratio, 3)} times the value with all candidates."
+        f"With {keep} of {every} candidates the placement criterion is {number(ratio, 3)} times the value with all candidates."
     )
     if trend.lower_bound is not None:
-        caption += f" The dashed line is a certified lower bound of the metric for layouts of {keep} gauges."
+        caption += f" The dashed line is a proven lower bound of the placement criterion for layouts of {keep} gauges."
     if bend is not None:
         caption += f" With more than {bend} gauges (elbow), the additional gauges mainly average out noise."
     ends = f"{number(trend.value[0])} with {every} candidates to {number(trend.final)} with {keep}"
-    alt = f"Line chart of the metric from {ends}."
-    return Drawing("trend", "Metric versus number of gauges", caption, alt, svg(canvas))
+    alt = f"Line chart of the placement criterion from {ends}."
+    return Drawing("trend", "Placement criterion versus number of gauges", caption, alt, svg(canvas))
 
 
 @styled()

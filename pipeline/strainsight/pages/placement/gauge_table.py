@@ -19,8 +19,8 @@ SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
 
 
 EDGES = (
-    "Nearest edges: distance to the nearest edge of the face, and angle from this edge to the measuring direction, "
-    "counter-clockwise as seen from outside. Second line: the same for the nearest edge transverse to the first one."
+    "Nearest edges: edges of the face on which the gauge is. First line: nearest edge. Second line: nearest edge transverse "
+    "to the first one. Angles are positive counter-clockwise, as seen from outside."
 )
 BONDED = (
     "Installation: values that violate an installation limit. Possible values: relative change of strain over one standard "
@@ -62,7 +62,7 @@ def _where(report: PlacementReport) -> str:
         for index, gauge in enumerate(gauges)
     ]
     head = ["gauge", "kind", *frame.heads, "direction"]
-    head += [f"nearest edges [{frame.unit}]", "angle to nearest edges"] * edged
+    head += [f"distance to nearest edges [{frame.unit}]", "angle from nearest edges to measuring direction"] * edged
     numeric = [2, 3, 4, *range(6, len(head))]
     head += ["installation"] * noted
     return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
@@ -230,7 +230,7 @@ def criteria_table(
     rule = f" ({escape(criteria[0].rule)})" if criteria else ""
     rows = [row(f"<strong>chosen layout</strong>{rule}", chosen, criteria[0] if criteria else None)]
     if trend.lower_bound is not None:
-        rows.append(row("certified lower bound of the metric", trend.lower_bound, None))
+        rows.append(row("proven lower bound of the placement criterion", trend.lower_bound, None))
     rules = sorted(criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
     head = [
@@ -278,9 +278,9 @@ def load_cases_table(report: PlacementReport) -> str:
     expected = [f"expected σ({escape(name)})" for name in names]
     head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
     caption = (
-        "The placement minimises the mean or the maximum of the weighted metrics of all load cases. Metric: metric of the "
-        "layout for this load case alone. Expected σ: computed with the simulated load history (training simulation) of the load "
-        "case. Expected σ of a load is relative to the amplitude of the load in this case."
+        "The placement minimises the mean or the maximum of the weighted criteria of all load cases. Criterion: value for "
+        "the layout in this load case alone. Expected σ: computed with the simulated load history (training simulation) of the "
+        "load case. Expected σ of a load is relative to the amplitude of the load in this case."
     )
     return table("load cases", head, rows, caption=caption, numeric=range(1, len(head)))
 

@@ -140,17 +140,17 @@ def _mark(unknown: Unknown) -> str:
 def _bound_tile(report: PlacementReport) -> str:
     """Tile with the optimality bound of the layout."""
     trend = report.trend
-    rows = [(f"metric {escape(trend.metric.symbol)}", plain(trend.final))]
+    rows = [(f"placement criterion {escape(trend.metric.symbol)}", plain(trend.final))]
     if trend.lower_bound is not None:
         rows.append(("lower bound", plain(trend.lower_bound)))
     if others := [entry for entry in report.criteria[1:] if math.isfinite(entry.chosen)]:
         best = min(others, key=lambda entry: entry.chosen)
         # a value below the bound violates the limits, which other rules ignore
         violating = trend.lower_bound is not None and best.chosen < trend.lower_bound * (1 - 1e-9)
-        name = f"best metric of the other placement rules{', limits violated' * violating} ({escape(best.rule)})"
+        name = f"best criterion of the other placement rules{', limits violated' * violating} ({escape(best.rule)})"
         rows.append((name, plain(best.chosen)))
-    value = "not certified" if trend.gap is None else f"≤\u00a0{share(max(trend.gap, 0.0))}"
-    return tile("gap to the optimal layout", value, rows)
+    value = "not computed" if trend.gap is None else f"≤\u00a0{share(max(trend.gap, 0.0))}"
+    return tile("gap of the criterion to its lower bound", value, rows)
 
 
 def _without(report: PlacementReport) -> str:

@@ -180,8 +180,8 @@ def metrics_of(runs: Iterable[PlacementRun]) -> tuple[MetricWords, ...]:
 
 
 def metric_name(metrics: Sequence[MetricWords]) -> str:
-    """Heading of a metric column: the formula of a single metric, else "metric"."""
-    return metrics[0].symbol if len(metrics) == 1 else "metric"
+    """Heading of a metric column: the formula of a single metric, else "placement criterion"."""
+    return metrics[0].symbol if len(metrics) == 1 else "placement criterion"
 
 
 def metric_words(metrics: Sequence[MetricWords]) -> str:

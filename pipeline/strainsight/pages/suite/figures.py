@@ -321,8 +321,8 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         f"{numbered(tuple(numbers))}: {number(trend.final / trend.value[0], 3)} with {int(trend.count[-1])} gauges"
         for numbers, _, trend in shared
     )
-    alt = f"Line chart of the metric relative to its value with all candidates: {ends}."
-    return Drawing("trends", "Metric versus number of gauges", caption, alt, svg(canvas))
+    alt = f"Line chart of the placement criterion relative to its value with all candidates: {ends}."
+    return Drawing("trends", "Placement criterion versus number of gauges", caption, alt, svg(canvas))
 
 
 def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:

@@ -190,10 +190,10 @@ def _status(run: SuiteRun) -> tuple[str, ...]:
     return wrong or (next((word for word in (TOO_CAUTIOUS, CONSISTENT) if word in claims), UNKNOWN),)
 
 
-METRIC = "metric"
+METRIC = "placement criterion"
 COLUMNS = (
-    "run", "unknown", "gauges", METRIC, "gap to the optimal layout", "error", "claimed σ", "error / σ",
-    "RMS error of repeated runs", "largest error of repeated runs", "consistency",
+    "run", "unknown", "gauges", METRIC, "gap of the criterion to its lower bound", "estimation error", "claimed σ",
+    "error / σ", "RMS estimation error of repeated runs", "largest estimation error of repeated runs", "consistency",
 )  # fmt: skip
 NUMERIC = frozenset(COLUMNS) - {"run", "unknown", "consistency"}
 MEASURED = COLUMNS[5:]
@@ -232,10 +232,10 @@ def runs_table(report: Suite) -> str:
         metrics
     )
     caption += (
-        "Gap to the optimal layout: largest possible reduction of the metric by another allowed layout. "
+        "Gap of the criterion to its lower bound: no allowed layout reduces the criterion by more. "
         "Errors of parameters: filtered estimate at the end of the run (of a drifting parameter: mean over the second half), "
         "relative to the true value. Errors of loads: smoothed estimate, relative to the RMS of the load. "
-        "Repeats: filter runs with other noise and initial values. σ is consistent if the RMS of "
+        "Repeated runs: filter runs with other noise and initial values. σ is consistent if the RMS of "
         "error / claimed σ is in the 99.73 % interval of χ² (narrower for more samples). "
         "Above the interval σ is overconfident, below the interval too cautious."
     )

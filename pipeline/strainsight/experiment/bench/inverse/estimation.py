@@ -77,19 +77,20 @@ class FilteredBench:
 
     def by_others(self, part: np.ndarray) -> tuple[Sequence[tuple[np.ndarray, np.ndarray]], str]:
         """Predict from the other channels; empty if they cannot determine the unknowns, or the filter diverges."""
+        omitted = ", ".join(self.labels[i] for i in part)
         others = self.available.copy()
         others[part] = False
         if not others.any():
-            return (), "no other channel is available to predict this channel"
+            return (), f"no channel is available to predict {omitted}"
         try:
             trial = self.trial_with(others)
             list(undistinguished(trial, self.mean))
             seeds = slice(None, None, len(trial.problem.unknowns.starts))
             mean, std, lost = predicted(trial.of_runs(seeds), self.measured[0], part)
         except (ConfigError, NumericalError) as error:
-            return (), f"the filter of the other channels failed: {f'{error.key}: ' if error.key else ''}{error.what}"
+            return (), f"the filter without {omitted} failed: {f'{error.key}: ' if error.key else ''}{error.what}"
         if lost.any():
-            return (), f"without this channel, {lost.sum()} of {len(lost)} filter runs diverge"
+            return (), f"without {omitted}, {lost.sum()} of {len(lost)} filter runs diverge"
         return ((mean, std),), ""
 
 

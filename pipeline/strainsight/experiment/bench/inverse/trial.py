@@ -208,7 +208,7 @@ def _noise(
             )
             raise _too_quiet(key, low, by_unknown, read)
         notes.append(
-            f"the noise of {name} was increased from {low:.3g} to {high:.3g}, the rounding error of its readings"
+            f"the noise of {name} was increased from {low:.3g} to {high:.3g}, the rounding error of its predicted readings"
         )
     return noise, tuple(notes)
 
@@ -216,18 +216,18 @@ def _noise(
 def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:
     """Error for a noise far below the rounding error of the readings or of the effect of unknowns."""
     what, remedy = (
-        f"the noise of {noise:g} and all readings are nearly zero; the smallest accepted noise is {NOTHING:g}",
+        f"the noise of {noise:g} and all predicted readings are nearly zero; the smallest accepted noise is {NOTHING:g}",
         "Increase the loads and the noise of the sensor, or check their units.",
     )
     if max(SPAN * moved, FLOOR * largest) >= NOTHING:
         by_unknown = SPAN * moved >= FLOOR * largest
         what, reach = (
-            ("largest change of a reading if an unknown changes by its initial σ", moved)
+            ("largest change of a predicted reading if an unknown changes by its initial σ", moved)
             if by_unknown
-            else ("largest reading", largest)
+            else ("largest predicted reading", largest)
         )
         ratio = f"{what}: {reach:.3g}, {reach / noise:.1e} times the noise"
-        what = f"the noise of {noise:g} is below rounding errors of the readings ({ratio})"
+        what = f"the noise of {noise:g} is smaller than the rounding errors of the predicted readings; {ratio}"
         reduced = (
             "`guess`, `std` and `increment` in estimate.inputs and estimate.parameters" if by_unknown else "the loads"
         )
