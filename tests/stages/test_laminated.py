@@ -91,7 +91,7 @@ OTHER = {"regions": "all", "youngs_modulus": 1e9, "poisson_ratio": 0.3, "density
             "isotropic plies: youngs_modulus is undefined",
             "parameters.e1.property",
         ),
-        ({"mesh.materials": {"m": OTHER}}, "the plies of region", "mesh.materials.m.regions"),
+        ({"mesh.materials": {"m": OTHER}}, "the plies have separate materials", "mesh.materials.m.regions"),
     ],
 )
 def test_what_has_no_laminate_is_refused(tmp_path, changes, what, key):
