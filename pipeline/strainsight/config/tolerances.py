@@ -131,7 +131,7 @@ class Tolerances(GaugeTolerances):
         "Example: a density error of 1 % changes frequencies by 0.5 %. Use 0 for a model updated to measured frequencies.",
     )
     load_mass: Annotated[float, Plausible(0.0, 0.1)] = expert(
-        0.005,
+        0.01,
         ge=0,
         le=0.5,
         description="Standard deviation of the mass that the model lacks at each force (load cell, fixture, moving part of the "

@@ -62,7 +62,8 @@ FEWEST = 3
 @dataclass(frozen=True)
 class Diagnosis:
     """Whether a record is inconsistent with its model, and why. as_it_is: the record without a fault; reference: its evidence
-    with the most likely intensity of the unknown loads, and what their model does not resolve; check: each channel
+    with the most likely intensity of the unknown loads, and what their model does not resolve; reference_ratio: RMS of those
+    innovations over the claim; check: each channel
     against the prediction by all others, or one step ahead if no fault was searched or a load is wrong (`by_others`); tried:
     evaluated faults; named: the fault that explains the record, None if none or several do; candidates: all that do, best
     first; shifted: mode too far from the model, if no fault explains the record; pattern: of an unmodelled load; searched:
@@ -77,6 +78,7 @@ class Diagnosis:
     shifted: ShiftedMode | None = None
     pattern: ResidualPattern | None = None
     reference: float = -np.inf
+    reference_ratio: float = np.inf
     searched: bool = True
 
     def best_of(self, channel: int) -> Explained | None:
@@ -178,7 +180,8 @@ def search_faults(
     named, candidates = choose_fault(reference.evidence, tried, MARGIN + unresolved)
     finding = Diagnosis(bool(candidates), as_it_is, check, tuple(tried), named, candidates)
     shifted = shifted_mode(record.model, record.considered, run)
-    return replace(finding, reference=reference.evidence + unresolved, shifted=shifted)
+    evidence, ratio = reference.evidence + unresolved, reference.ratio
+    return replace(finding, shifted=shifted, reference=evidence, reference_ratio=ratio)
 
 
 def _with_likely_intensity(

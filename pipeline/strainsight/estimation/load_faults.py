@@ -149,7 +149,7 @@ def select_load_faults(innovations: Innovations) -> list[Fault]:
     return wanted + [other for fault in wanted for other in fault.neighbours]
 
 
-SHARE = 0.8
+SHARE = 0.6
 """Least share of the excess over the claim in the pattern."""
 SLOW = 0.3
 """Least correlation of successive samples along the pattern: relevant loads last longer than a sample."""

@@ -127,7 +127,8 @@ def _unmodelled_load(part: CheckRecord, fit: Fit, finding: Diagnosis) -> Residua
     pattern = residual_pattern(white, innovation, part.noise, BELIEVABLE)
     if pattern is None:
         return None
-    others = [finding.reference + MARGIN - APART, *(one.evidence for one in finding.candidates)]
+    faster = [finding.reference + MARGIN - APART] * (finding.reference_ratio <= BELIEVABLE)
+    others = [*faster, *(one.evidence for one in finding.candidates)]
     evidence = as_it_is.evidence + pattern.gain
     return pattern if evidence > max([as_it_is.evidence + MARGIN, *(other + APART for other in others)]) else None
 
