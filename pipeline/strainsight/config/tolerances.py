@@ -134,7 +134,7 @@ class Tolerances(GaugeTolerances):
         0.01,
         ge=0,
         le=0.5,
-        description="Standard deviation of the mass that the model lacks at each force (load cell, fixture, moving part of the "
+        description="Standard deviation of the mass that the model lacks at each unknown force (load cell, fixture, part of the "
         "exciter), relative to the mass of the structure [-]. An unknown load cannot be distinguished from the inertia of such "
         "a mass. Use 0 if `mesh.point_masses` contains these masses.",
     )
