@@ -31,8 +31,8 @@ class ConsideredParameters:
     frequency (k, r): change of ln ω of each mode per unit ν, the last `masses` of them by mass errors; stiffness: σ of the
     logarithm of one common scale; 0 if exact.
     shape (f, r, n_u): change of the input shape S [1/√kg] of r coordinates by the first f of the others; its instantaneous
-    effect is in D and E (`load_rows`). load (f,): the input u [N] that each of them changes. Truncated displacements are
-    proportional to νⱼuⱼ; behind: whether a smoother appends them to its states; B (d, m, f): their effect on the readings per
+    effect is in D and E (`load_rows`). load (f,): the input u [N] that each of them changes;
+    load_std (f,): σ of its error [rad or m]. Truncated displacements are proportional to νⱼuⱼ; behind: whether a smoother appends them to its states; B (d, m, f): their effect on the readings per
     unit ν. learned: whether the samples' estimate of ν corrects motion and loads, which reduces σ; otherwise gains of unknown
     loads consider ν (`considers`). For parameters ν is always integrated out. discrepancy: σ of white model error over the
     RMS of a reading, relevant for parameters under known loads. about (d,), or of the first ν, others zero: linearisation
@@ -50,6 +50,7 @@ class ConsideredParameters:
     discrepancy: float = 0.0
     shape: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     load: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    load_std: np.ndarray = field(default_factory=lambda: np.zeros(0))
     behind: bool = False
     B: np.ndarray | None = None
     about: np.ndarray = field(default_factory=lambda: np.zeros(0))

@@ -16,11 +16,13 @@ from strainsight.sensors.candidates import STRAIN
 
 R = TypeVar("R", bound=GridRecord)
 
-STEPS = {"frequency": 0.02, "mass": 0.02, "damping": 2.0}
+STEPS = {"frequency": 0.02, "mass": 0.005, "damping": 2.0}
 """First step of the search: change of a frequency, of the first frequency by an added mass, and factor on damping ratios."""
 WIDER = 10.0
 """Factor on the tolerances of direction and point of a load."""
-MISALIGNED = ("load direction", "load point")
+DIRECTION = "load direction"
+"""Source of the errors by rotations of a load."""
+MISALIGNED = (DIRECTION, "load point")
 """Sources of load errors that `direction` makes larger."""
 GAIN = 0.2
 """Prior σ of a gain common to all strain gauges."""
@@ -35,7 +37,7 @@ def model_errors(model: FilterModel, considered: ConsideredParameters) -> list[F
     step = STEPS["frequency"]
     errors = [Fault("frequency", int(j), factor) for j in modes for factor in (1 - step, 1 + step)]
     known = [rom.inputs.index(name) for name in model.known_inputs]
-    errors += [Fault("mass", i, mass) for i in known if (mass := _mass(rom, i)) > 0]
+    errors += [Fault("mass", i, mass) for i in known if (mass := _mass(rom, force_shapes(model, considered, i))) > 0]
     errors += [Fault("damping", 0, factor) for factor in (1 / STEPS["damping"], STEPS["damping"])]
     errors += [Fault("direction", 0)] * bool(set(considered.source) & set(MISALIGNED))
     if _straining(model).sum() < 2:
@@ -43,11 +45,22 @@ def model_errors(model: FilterModel, considered: ConsideredParameters) -> list[F
     return [*errors, Fault("warming", 0), *[Fault("gain", 0)] * bool(model.known_inputs)]
 
 
-def _mass(model: ReducedModel, load: int) -> float:
-    """Mass [kg] at a load that lowers the first frequency by the first step; 0 if it hardly does."""
+def force_shapes(model: FilterModel, considered: ConsideredParameters, load: int) -> np.ndarray:
+    """Input shapes (r, a) of unit forces at the point of a load, along the load and perpendicular to it. The latter are the
+    changes of the shape by rotations, known if these have a tolerance."""
+    turned = [
+        considered.shape[k, :, load] / std
+        for k, std in enumerate(considered.load_std)
+        if considered.source[k] == DIRECTION and considered.load[k] == load
+    ]
+    return np.column_stack([model.model.input_shape[:, load], *turned])
+
+
+def _mass(model: ReducedModel, shapes: np.ndarray) -> float:
+    """Mass [kg] at a load that lowers the first frequency by the first step; 0 if it hardly does. shapes: `force_shapes`."""
     _, phi = modal_basis(model, model.reference)
-    moved = float((phi[:, 0] @ model.input_shape[:, load]) ** 2)
-    all_modes = float(np.max((phi.T @ model.input_shape[:, load]) ** 2))
+    each = np.sum((phi.T @ shapes) ** 2, axis=1)
+    moved, all_modes = float(each[0]), float(np.max(each))
     return ((1 - STEPS["mass"]) ** -2 - 1) / moved if moved > 1e-6 * all_modes else 0.0
 
 
@@ -69,7 +82,7 @@ def apply_model_error(record: R, fault: Fault, before: float = 0.0) -> R:
     """The record with a model that has this error; before: share of the record before these samples.
 
     frequency of mode j times f     M + (f⁻² − 1) Mφⱼφⱼᵀ M
-    mass m at a load                M + m s sᵀ,   s the input shape of the load
+    mass m at a load                M + m s sᵀ,   s the `force_shapes` of the load
     damping                         ratios times the factor
     direction                       tolerances of direction and point of the loads times WIDER
     warming, gain                   one more considered constant, common to all strain gauges
@@ -84,8 +97,8 @@ def apply_model_error(record: R, fault: Fault, before: float = 0.0) -> R:
             s = rom.mass.at(rom.reference) @ phi[:, fault.channel]
             added = (fault.amount**-2 - 1) * np.outer(s, s)
         else:
-            s = rom.input_shape[:, fault.channel]
-            added = fault.amount * np.outer(s, s)
+            s = force_shapes(model, considered, fault.channel)
+            added = fault.amount * s @ s.T
         mass = replace(rom.mass, constant=rom.mass.constant + added)
         return replace(record, model=replace(model, model=replace(rom, mass=mass)))
     if fault.kind == "direction":

@@ -120,7 +120,8 @@ def _unmodelled_load(part: CheckRecord, fit: Fit, finding: Diagnosis) -> Residua
     as_it_is, grid_run = fit
     inputs = part.model.unknowns.inputs
     samples = int(np.isfinite(part.samples).sum())
-    explains = any(not check_ratio(one.ratio, samples).overconfident for one in finding.candidates)
+    of_model = any(one.fault is not None and one.fault.of_model for one in finding.candidates)
+    explains = of_model or any(not check_ratio(one.ratio, samples).overconfident for one in finding.candidates)
     if grid_run is None or explains or part.samples.shape[1] < len(inputs) + 2:
         return None
     white, innovation = grid_run.run.whitened[part.sampled, 0], grid_run.run.innovation[part.sampled, 0]

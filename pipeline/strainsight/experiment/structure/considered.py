@@ -276,6 +276,7 @@ def build_considered(
         tolerated.discrepancy,
         stacked(changes, model.model.input_shape.shape),
         inputs_changed(tolerated.loads, model)[errors],
+        tolerated.loads.std[errors],
         behind,
         B,
         frequency=tolerated.frequency,
