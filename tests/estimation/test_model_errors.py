@@ -58,10 +58,25 @@ def test_one_frequency_is_changed_and_the_static_response_is_not(record, mode):
 def test_an_added_mass_lowers_the_first_frequency_by_the_first_step(record):
     """To first order in the mass; M + m s sᵀ is the mass matrix with m at the point of the load."""
     error, *_ = (one for one in model_errors(record.model, record.considered) if one.kind == "mass")
-    assert frequencies(apply_model_error(record, error))[0] / frequencies(record)[0] == pytest.approx(0.98, abs=2e-3)
+    assert frequencies(apply_model_error(record, error))[0] / frequencies(record)[0] == pytest.approx(0.995, abs=2e-4)
     rom, s = record.model.model, record.model.model.input_shape[:, 0]
     heavier = apply_model_error(record, further(error)).model.model.mass.at(rom.reference)
     np.testing.assert_allclose(heavier, rom.mass.at(rom.reference) + 2 * error.amount * np.outer(s, s), rtol=1e-12)
+
+
+def test_an_added_mass_moves_in_the_directions_that_the_tolerance_of_the_load_knows(record):
+    """With σ = 0.02 rad of a rotation, its shape is the change over σ, and the mass m(s sᵀ + t tᵀ)."""
+    aside = np.array([0.3, -0.2])
+    shape = np.zeros((1, *record.model.model.input_shape.shape))
+    shape[0, :, 0] = 0.02 * aside
+    one = {name: np.zeros((1, *getattr(record.considered, name).shape[1:])) for name in ("D", "E", "offset")}
+    turned = {"source": ("load direction",), "shape": shape, "load": np.zeros(1, dtype=int), "load_std": np.full(1, 0.02)}
+    wider = replace(record, considered=replace(record.considered, **one, **turned, B=None))
+    error, *_ = (each for each in model_errors(wider.model, wider.considered) if each.kind == "mass")
+    rom, s = record.model.model, record.model.model.input_shape[:, 0]
+    heavier = apply_model_error(wider, error).model.model.mass.at(rom.reference)
+    expected = rom.mass.at(rom.reference) + error.amount * (np.outer(s, s) + np.outer(aside, aside))
+    np.testing.assert_allclose(heavier, expected, rtol=1e-12)
 
 
 def test_damping_is_scaled(record):

@@ -31,12 +31,13 @@ class ConsideredParameters:
     frequency (k, r): change of ln ω of each mode per unit ν, the last `masses` of them by mass errors; stiffness: σ of the
     logarithm of one common scale; 0 if exact.
     shape (f, r, n_u): change of the input shape S [1/√kg] of r coordinates by the first f of the others; its instantaneous
-    effect is in D and E (`load_rows`). load (f,): the input u [N] that each of them changes;
-    load_std (f,): σ of its error [rad or m]. Truncated displacements are proportional to νⱼuⱼ; behind: whether a smoother appends them to its states; B (d, m, f): their effect on the readings per
-    unit ν. learned: whether the samples' estimate of ν corrects motion and loads, which reduces σ; otherwise gains of unknown
-    loads consider ν (`considers`). For parameters ν is always integrated out. discrepancy: σ of white model error over the
-    RMS of a reading, relevant for parameters under known loads. about (d,), or of the first ν, others zero: linearisation
-    point of the readings (`linearise_about_samples`). centre (k,): parameters whose natural frequencies are used at all
+    effect is in D and E (`load_rows`). load (f,): the input u [N] that each of them changes; load_std (f,): σ of its error
+    [rad or m]. Truncated displacements are proportional to νⱼuⱼ; behind: whether a smoother appends them to its states; B (d,
+    m, f): their effect on the readings per unit ν. learned: whether the samples' estimate of ν corrects motion and loads, which
+    reduces σ; otherwise gains of unknown loads consider ν (`considers`). For parameters ν is always integrated out.
+    discrepancy: σ of white model error over the RMS of a reading, relevant for parameters under known loads. about (d,), or of
+    the first ν, others zero: linearisation point of the readings (`linearise_about_samples`). centre (k,): parameters whose
+    natural frequencies are used at all
     others (`tune_frequencies`); None: no common frequencies. inertia (p, n + n_known): σ of the mass at each of p unknown loads
     times its acceleration, in unit amplitudes of the load, per state and known load (`inertia_std`); empty without."""
 
