@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.estimation import fault_search
+from strainsight.estimation import fault_search, hum
 from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.fault_evidence import explain_record, shifted_mode
 from strainsight.estimation.fault_search import examine_record
@@ -153,3 +153,18 @@ def test_warming_of_a_later_part_continues_the_ramp(record):
     np.testing.assert_allclose(later.offset[0], later.E[0, :, -1])
     largest = np.sqrt(np.max(np.mean(record.samples**2, axis=0)))
     np.testing.assert_allclose(later.offset[0] + later.E[0, :, -1], largest)
+
+
+def test_mains_hum_is_fitted_at_its_frequency_and_leaves_a_consistent_record(record, monkeypatch):
+    """A common sine of five times the noise: afterwards ln p is that of the record without it, less ln T and the fit by chance."""
+    f = 11.5
+    monkeypatch.setattr(hum, "MAINS", (9.0, f, 14.0))
+    time = record.model.h * record.model.every * (1 + np.arange(len(record.samples)))
+    loud = replace(record, samples=record.samples + 5 * record.noise.max() * np.sin(2 * np.pi * f * time + 1)[:, None])
+    (clean, _), (fit, run) = explain_record(record, None), explain_record(loud, None)
+    assert fit.ratio > 3
+    explained = hum.explain_hum(loud, fit, run)
+    assert explained.fault == Fault("hum", 0, f)
+    assert explained.ratio == pytest.approx(clean.ratio, abs=0.05)
+    assert explained.evidence == pytest.approx(clean.evidence - np.log(record.samples.size), abs=6)
+    assert hum.explain_hum(record, clean, explain_record(record, None)[1]).evidence < clean.evidence

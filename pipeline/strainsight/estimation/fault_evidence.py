@@ -119,44 +119,6 @@ def explain_record(record: CheckRecord, fault: Fault | None) -> tuple[Explained,
     ), grid_run
 
 
-MAINS = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
-"""Frequencies [Hz] of mains hum."""
-
-
-def explain_hum(record: CheckRecord, as_it_is: Explained, grid_run: GridRun) -> Explained | None:
-    """Evidence of a record with a sine of a mains frequency that is common to all channels, at the most likely parameters; None
-    below two samples a period.
-
-        max over f, c of   −½ ‖ν̃ − B(f) c‖² − ln T
-
-    ν̃: whitened innovations; B: those of cos 2πft and sin 2πft alone; two fitted constants cost ½ ln T each."""
-    every, h = record.model.every, record.model.h
-    time = every * h * (record.begin + 1 + np.arange(len(record.samples)))
-    considered = replace(record.considered, learned=True)
-    still = None if record.settled is None else replace(record.settled, hold=0 * record.settled.hold)
-    white = grid_run.run.whitened[record.sampled, 0]
-    valid = np.isfinite(white)
-    best = None
-    for f in (f for f in MAINS if 2 * f * every * h < 1):
-        waves = []
-        for wave in (np.cos, np.sin):
-            signal = np.tile(record.noise.max() * wave(2 * np.pi * f * time)[:, None], (1, white.shape[1]))
-            samples = np.where(np.isfinite(record.samples), signal, np.nan)
-            silent = replace(record, samples=samples, known=0 * record.known, considered=considered, settled=still)
-            try:
-                waves.append(filter_on_grid(silent.known_at(np.array(as_it_is.point))).run.whitened[record.sampled, 0])
-            except NumericalError:
-                return None
-        B = np.stack([wave[valid] for wave in waves], axis=1)
-        c, *_ = np.linalg.lstsq(B, white[valid], rcond=None)
-        rest = white[valid] - B @ c
-        gain = 0.5 * float(white[valid] @ white[valid] - rest @ rest) - float(np.log(valid.sum()))
-        if best is None or as_it_is.evidence + gain > best.evidence:
-            ratio = float(np.sqrt(np.mean(rest**2)))
-            best = Explained(Fault("hum", 0, f), as_it_is.evidence + gain, ratio, point=as_it_is.point)
-    return best
-
-
 def _steps(record: CheckRecord) -> slice:
     """Steps in which the structure moves."""
     every = record.model.every

@@ -12,7 +12,6 @@ import numpy as np
 from strainsight.estimation.fault_evidence import (
     CheckRecord,
     ShiftedMode,
-    explain_hum,
     explain_record,
     needs_fault_search,
     relative_innovation,
@@ -38,6 +37,7 @@ from strainsight.estimation.faults import (
     find_temporary_faults,
 )
 from strainsight.estimation.grid_filter import GridRun
+from strainsight.estimation.hum import explain_hum
 from strainsight.estimation.load_faults import Innovations, ResidualPattern, compute_innovations, select_load_faults
 from strainsight.estimation.model_errors import between, further, model_errors
 
