@@ -156,7 +156,7 @@ def test_warming_of_a_later_part_continues_the_ramp(record):
 
 
 def test_mains_hum_is_fitted_at_its_frequency_and_leaves_a_consistent_record(record, monkeypatch):
-    """A common sine of five times the noise: afterwards ln p is that of the record without it, less ln T and the fit by chance."""
+    """A common sine of five times the noise: afterwards ln p is that of the record without it, less ln T, but for chance."""
     f = 11.5
     monkeypatch.setattr(hum, "MAINS", (9.0, f, 14.0))
     time = record.model.h * record.model.every * (1 + np.arange(len(record.samples)))
