@@ -199,11 +199,13 @@ def _with_likely_intensity(
 
 def _try_model_errors(record: CheckRecord, as_it_is: float) -> list[Explained]:
     """Evaluated errors of the model: their sizes grow as long as the evidence does, from as_it_is on, and the interval about the
-    best is halved HALVED times."""
+    best is halved HALVED times. All sizes of a mass are tried, as the evidence may have several peaks."""
     tried: list[Explained] = []
     for first in model_errors(record.model, record.considered):
         sizes, highest, fault = {first: explain_record(record, first)[0]}, as_it_is, first
-        while sizes[fault].evidence > highest and (ahead := further(fault)) is not None and len(sizes) < MOST_SIZES:
+        while len(sizes) < MOST_SIZES and (ahead := further(fault)) is not None:
+            if first.kind != "mass" and not sizes[fault].evidence > highest:
+                break
             highest, fault = sizes[fault].evidence, ahead
             sizes[fault] = explain_record(record, fault)[0]
         for _ in range(HALVED * (len(sizes) > 1)):
