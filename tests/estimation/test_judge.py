@@ -10,8 +10,8 @@ import pytest
 from strainsight.errors import ConfigError
 from strainsight.estimation import grid_filter_points
 from strainsight.estimation.conditional import _linearise_about, none_considered
+from strainsight.estimation.free_loads import noise_alone
 from strainsight.estimation.grid_filter import filter_on_grid
-from strainsight.estimation.grid_filter_points import noise_alone
 from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.estimation.record import GridRecord
 from strainsight.loads.input_models import (

@@ -12,7 +12,7 @@ from strainsight.estimation.claim import predict_grid_std
 from strainsight.estimation.conditional import ConsideredParameters, none_considered
 from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.grid_filter_smoother import smooth_on_grid
-from strainsight.estimation.peak import MOST_SCANNED, build_scan_grid, find_peak, resonance_widths
+from strainsight.estimation.peak import MOST_SCANNED, build_scan_grid, find_hills, find_peak, resonance_widths
 from strainsight.estimation.record import GridRecord, Settled, start_errors
 from strainsight.rom.model import Damping
 
@@ -220,6 +220,28 @@ def long_run(values, factors=(1.0, 1.0)):
 
 def settled_prior(model, motion):
     return np.diag([motion**2] * 4 + [0.1**2] * (model.size - 4))
+
+
+@pytest.mark.parametrize("parameters", [1, 2])
+def test_hills_of_the_whole_record_are_climbed(parameters):
+    """Two hills, of which a part of the record sees each two or three points away from its top, and the lower one higher."""
+    grid = build_scan_grid(np.zeros(parameters), np.eye(parameters), np.full(parameters, 0.8), 3.5)
+    tops = np.array([[1.0] * parameters, [-1.2] * parameters])
+    tried = []
+
+    def density(point, steps=100):
+        tried.append(len(point) if steps == 100 else 0)
+        late = (100 - steps) / 100
+        height = np.array([-3.0 * late, -1.5 * (1 - late)])
+        off = np.sum((point[:, None] - tops - 0.8 * late) ** 2, axis=2)
+        return np.log(np.exp(height - 6 * off).sum(axis=1))
+
+    which, value = find_hills(grid, density, 100)
+    whole = density(grid.point)
+    assert which[0] == np.argmax(whole)
+    np.testing.assert_array_equal(value, whole[which])
+    np.testing.assert_allclose(grid.point[which], tops, atol=grid.step.max() / 2 + 1e-12)
+    assert sum(tried[:-1]) < 0.6 * len(grid.point)
 
 
 def test_periodic_start_matches_long_run():

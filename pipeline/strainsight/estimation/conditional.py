@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from strainsight.rom.model import first_of_equal, modal_basis
 MASS = "mass"
 """Source of variance: masses that the model lacks."""
 DIFFERENCE = 1e-3
-"""Relative step of the fourth-order differences in damping and stiffness, accurate to 1e-11."""
+"""Step of the differences of accelerometer rows in frequencies, and of the start in parameters."""
 
 
 @dataclass(frozen=True)
@@ -357,18 +357,17 @@ def _motion(
     augmented[:, :, moving:] = model.transition.T
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     if considered.damping > 0:
-        table = considered.damping * _slope(lambda s: scheme_step(lam, damping.scaled(1 + s), model.h, model.scheme)[0])
+        _, by_damping = scheme_step(lam, damping, model.h, model.scheme, "damping")
         same = first_of_equal(lam)
-        slopes += [step(table * (same == j), forces) for j in range(q)]
+        slopes += [step(considered.damping * by_damping * (same == j), forces) for j in range(q)]
+    by_stiffness = lam * modal.table_slope
     if len(considered.frequency):
         # λ → λ(1 + s)² and forces → (1 + s)² times them, damped as at that λ
-        table = _slope(
-            lambda s: _scale_forces(scheme_step(lam * (1 + s) ** 2, damping, model.h, model.scheme)[0], (1 + s) ** 2)
-        )
-        slopes += [step(table * each[first_of_equal(lam)], forces) for each in considered.frequency]
-    if considered.stiffness > 0:
-        # λ → λ(1 + s) of every mode, damped as at that λ
-        table = considered.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), damping, model.h, model.scheme)[0])
+        by_frequency = 2 * by_stiffness
+        by_frequency[:, 2:] += 2 * modal.table[:, 2:]
+        slopes += [step(by_frequency * each[first_of_equal(lam)], forces) for each in considered.frequency]
+    if considered.stiffness > 0:  # λ → λ(1 + s) of every mode, damped as at that λ
+        table = considered.stiffness * by_stiffness
         slopes.append(step(table, forces))
     for change in considered.shape:
         _, pushed, loaded = step(modal.table, Phi_T @ change)
@@ -379,14 +378,3 @@ def _motion(
     none = [(pairs[:, None][:, :0], augmented[:, None][:, :0], fed[:, None][:, :0])]
     by_nu = [np.stack(each, axis=1) for each in zip(*slopes, strict=True)] if slopes else none[0]
     return ModalMotion(basis, inverse, pairs, augmented, fed, *by_nu)
-
-
-def _scale_forces(table: np.ndarray, factor: float) -> np.ndarray:
-    """The table (2, 2 + HOLD, ...) for scaled forces."""
-    return np.concatenate([table[:, :2], factor * table[:, 2:]], axis=1)
-
-
-def _slope(of: Callable[[float], np.ndarray]) -> np.ndarray:
-    """Derivative at zero, by fourth-order central differences."""
-    near, far = (of(k * DIFFERENCE) - of(-k * DIFFERENCE) for k in (1, 2))
-    return (8 * near - far) / (12 * DIFFERENCE)

@@ -34,7 +34,7 @@ from strainsight.estimation.parameter_grid import (
     build_next_grid,
     one_point,
 )
-from strainsight.estimation.peak import best_points, density_of, find_peaks
+from strainsight.estimation.peak import density_of, find_hills, find_peaks
 from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun, Keep
 
@@ -113,29 +113,30 @@ def filter_records(
     `GridProblem`, above 1 for inconsistent measurements. The ratio is doubled after every FOLLOWED grids, which bounds their
     number. Other arguments as in `filter_on_grid`."""
     along = keep != "parameters"
-    problem = GridProblem(tuple(records), keep, progress, True, along, birge_ratio)
+    problem = GridProblem(tuple(records), keep, progress, True, False, birge_ratio)
     if problem.bilinear:
         problem = _centre_frequencies(problem)
-    ends = replace(problem, along=False)
-    peaks = find_peaks(ends) if problem.bilinear or 0 < len(problem.prior[0]) <= FEW else []
+    peaks = find_peaks(problem) if problem.bilinear or 0 < len(problem.prior[0]) <= FEW else []
     peak_points = np.array([peak.point for peak in peaks])
+    if problem.bilinear:
+        before = max(peaks, key=lambda peak: peak.evidence).point
+        here = filter_points(replace(problem, directions=None), one_point(before), problem.first[-1])
+        problem = linearise_about_samples(problem.reduced_by(here), before, here.nu[0])
+    problem = replace(problem, along=along)
     if not problem.bilinear:
         return _run_grid(problem, peak_points)
-    before = max(peaks, key=lambda peak: peak.evidence).point
-    here = filter_points(ends, one_point(before), problem.first[-1])
-    problem = replace(
-        linearise_about_samples(ends, before, here.states.nu[0, 0] + here.models.about), along=problem.along
-    )
     runs = _run_grid(problem, peak_points)
     # what slopes in a frequency leave out at first, the parameters take for theirs
     for _ in range(AGAIN if problem.centre is not None else 1):
         mean, covariance = runs[0].posterior
         if problem.centre is not None and np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
             break
-        again = linearise_about_samples(problem, mean, runs[0].nu_moments[0])
-        if again is problem:
+        ends = replace(problem, along=False, progress=None)
+        again = linearise_about_samples(ends, mean, runs[0].nu_moments[0])
+        if again is ends:
             break
-        problem, before, runs = again, mean, _run_grid(replace(again, progress=None), peak_points)
+        problem, before = replace(again, along=along), mean
+        runs = _run_grid(problem, peak_points)
     return runs
 
 
@@ -146,12 +147,15 @@ def _centre_frequencies(problem: GridProblem) -> GridProblem:
     if not problem.records[0].considered.frequency.any():
         return problem
     coarse = problem.map_considered(lambda each: replace(each, discrepancy=max(each.discrepancy, COARSE)))
-    coarse, (centre, covariance) = replace(coarse, along=False), problem.prior
-    for i, std in enumerate(np.sqrt(np.diag(covariance))):
+    centre, covariance = problem.prior
+    directions = problem.reduced_at(centre).directions
+    density = density_of(replace(coarse, directions=directions))
+    for axis, std in zip(np.eye(len(centre), dtype=int), np.sqrt(np.diag(covariance)), strict=True):
         count = int(np.clip(2 * REACH * std / TRIED, 2, MOST_TRIED))
-        points = centre + np.linspace(-REACH * std, REACH * std, count + 1)[:, None] * np.eye(len(centre))[i]
-        centre = points[best_points(points, density_of(coarse), problem.first[-1])[0][0]]
-    return problem.map_considered(partial(replace, centre=centre))
+        frame, nodes = 2 * REACH * std / count * np.eye(len(centre)), np.arange(count + 1)[:, None] * axis
+        grid = ParameterGrid(centre - REACH * std * axis, frame, nodes)
+        centre = grid.point[find_hills(grid, density, problem.first[-1])[0][0]]
+    return replace(problem.map_considered(partial(replace, centre=centre)), directions=directions)
 
 
 def _run_grid(problem: GridProblem, peak_points: np.ndarray) -> tuple[GridRun, ...]:
@@ -206,9 +210,8 @@ def _filter_all(
             # the last of these steps, which the points before are no longer good for
             last = slice(now.step - before - 1, now.step - before)
             mixtures[-1].states(last, now.weights, now.states, now.models)
-    states, about = now.states, now.models.about
-    point, weight, nu, left = now.weights.sampled(states.nu[:, 0], states.left[:, 0])
-    end = point, weight, nu + about, left, about, problem.centre, grid_count, now.cover.step
+    point, weight, nu, left = now.weights.sampled(now.nu, now.states.left[:, 0])
+    end = point, weight, nu, left, now.about, problem.centre, grid_count, now.cover.step
     return tuple(GridRun(*end, run=mixture.finished()) for mixture in mixtures)
 
 

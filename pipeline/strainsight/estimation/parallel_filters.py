@@ -90,9 +90,9 @@ class LinearModels:
     step; H (B, m, n); F (B, m, p₁) of the known inputs w₁ (T, p₁) at its end; D (d, m, n), E (d, m, p₁), o (d, m). B (d, m,
     f) on zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f ν that change the motion, U (f, n), W (f, p₁). about (d,): reference of ν, plus
     `shift` (B, d) for each model, so that its mean is −about − shift; fixed_slope (d,): whether slopes are those at the
-    reference."""
+    reference; directions Q (all, d): these ν are directions of others, None if they are all (`in_directions`)."""
 
-    SHARED: ClassVar = ("D", "E", "offset", "B", "U", "W", "about", "fixed_slope")
+    SHARED: ClassVar = ("D", "E", "offset", "B", "U", "W", "about", "fixed_slope", "directions")
     """Arrays without a row for every model."""
 
     motion: ModalMotion
@@ -108,6 +108,7 @@ class LinearModels:
     about: np.ndarray
     shift: np.ndarray
     fixed_slope: np.ndarray
+    directions: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         (B, m, n), p1 = self.H.shape, self.F.shape[-1]
@@ -160,6 +161,16 @@ class LinearModels:
         by_model = {name: getattr(self, name)[points] for name in ("Q", "H", "F", "shift")}
         return replace(self, motion=self.motion.of(points), **by_model)
 
+    def in_directions(self, Q: np.ndarray) -> LinearModels:
+        """The models with ν = Q ζ, Q (d, r) from `distinguished_directions`; ν across Q stay at their prior."""
+        moves = Q[: self.moving, Q[: self.moving].any(axis=0)]
+        slopes = {name: getattr(self.motion, name) for name in ("pairs_nu", "augmented_nu", "fed_nu")}
+        slopes = {name: np.einsum("be...,er->br...", slope, moves) for name, slope in slopes.items()}
+        rows = {name: np.tensordot(Q.T, getattr(self, name), 1) for name in ("D", "E", "offset", "B", "about")}
+        fixed = Q[self.fixed_slope].any(axis=0)
+        motion = replace(self.motion, **slopes)
+        return replace(self, motion=motion, **rows, shift=self.shift @ Q, fixed_slope=fixed, directions=Q)
+
     @cached_property
     def compiled(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Arguments of `take_steps`: motion, readings, and truncated displacements."""
@@ -169,9 +180,9 @@ class LinearModels:
             modal.augmented,
             modal.fed,
             modal.inverse @ self.Q @ np.swapaxes(modal.inverse, 1, 2),
-            modal.pairs_nu,
-            modal.augmented_nu,
-            modal.fed_nu,
+            np.moveaxis(modal.pairs_nu, 1, -1),
+            modal.augmented_nu.transpose(0, 3, 2, 1),
+            np.moveaxis(modal.fed_nu, 1, -1),
             modal.basis,
         )
         reading = self.H @ modal.basis, self.F, self.D, self.E, self.offset, acts
@@ -276,6 +287,11 @@ class States:
     def first(self, count: int) -> States:
         """The first instants."""
         return States(*(each[:, :count] for each in (self.x, self.P, self.V, self.nu, self.left)))
+
+    def of_all(self, Q: np.ndarray) -> States:
+        """The states with all ν = Q ζ, from those with ζ; ν across Q (d, r) have their prior covariance."""
+        left = np.eye(len(Q)) - Q @ (np.eye(Q.shape[1]) - self.left) @ Q.T
+        return States(self.x, self.P, Q @ self.V, self.nu @ Q.T, left)
 
 
 @dataclass(frozen=True)

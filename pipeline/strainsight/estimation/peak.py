@@ -18,8 +18,8 @@ Density = Callable[..., np.ndarray]
 
 RADIUS, DEPTH = 3.5, 10.0
 """Scanned range in prior standard deviations, and depth below the largest density of points that are still tried."""
-PARTS = (1 / 64, 1 / 16, 1 / 4, 1.0)
-"""Increasing shares of the record by which scanned points are compared."""
+PARTS = 1 / 64, 1 / 16, 1 / 4
+"""Increasing shares of the record by which scanned points are compared first."""
 FEWEST, MOST_STARTS, RISE = 6, 3, 3.0
 """Fewest points after each part; most refined peaks; and how much a peak may exceed its grid point relative to another."""
 ROUNDS = 15
@@ -59,13 +59,13 @@ def find_peak(record: GridRecord) -> PosteriorPeak:
     p(y | p) by a filter at p, tolerances integrated out: a scan of the prior, as fine as resonances are wide, then Newton's
     method on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A settled motion is far from linear
     in the damping: the search is done again, linear about the most likely damping."""
-    problem = GridProblem((record,))
+    problem = GridProblem((record,), along=False)
     peak = _best(find_peaks(problem))
     if record.settled is None or not problem.bilinear:
         return peak
     for _ in range(AGAIN):
         here = filter_points(problem, one_point(peak.point), problem.first[-1])
-        again = linearise_about_samples(problem, peak.point, here.states.nu[0, 0] + here.models.about)
+        again = linearise_about_samples(problem, peak.point, here.nu[0])
         if again is problem:
             break
         problem, before = again, peak.evidence
@@ -78,7 +78,7 @@ def find_peak(record: GridRecord) -> PosteriorPeak:
 
 def find_common_peak(records: Sequence[GridRecord]) -> PosteriorPeak:
     """The same for records with common parameters and ν, as in `filter_records`."""
-    return _best(find_peaks(GridProblem(tuple(records))))
+    return _best(find_peaks(GridProblem(tuple(records), along=False)))
 
 
 def _best(peaks: Sequence[PosteriorPeak]) -> PosteriorPeak:
@@ -88,17 +88,17 @@ def _best(peaks: Sequence[PosteriorPeak]) -> PosteriorPeak:
 def find_peaks(problem: GridProblem) -> list[PosteriorPeak]:
     """Maximum of the posterior at the end of all records, and other tried peaks."""
     centre, prior = problem.prior
-    density = density_of(problem)
     if not len(centre):
-        value = float(density(centre[None])[0])
+        value = float(density_of(problem)(centre[None])[0])
         return [PosteriorPeak(centre, value, value)]
+    scanned = problem if problem.directions is not None else problem.reduced_at(centre)
     grid = build_scan_grid(centre, prior, resonance_widths(problem.records), RADIUS)
-    starts = _scan(grid, density, problem.first[-1])
+    starts = _scan(grid, density_of(scanned), problem.first[-1])
     peaks: list[PosteriorPeak] = []
     for start, value in starts:
         # a peak stands as far above its grid point as the first one, or a few times as far
         if not peaks or value + RISE * (peaks[0].density - starts[0][1]) + DEPTH >= max(peak.density for peak in peaks):
-            peaks.append(_refine(density, centre, prior, start, 0.5 * grid.step))
+            peaks.append(_refine(density_of(problem.reduced_at(start)), centre, prior, start, 0.5 * grid.step))
     return peaks
 
 
@@ -112,22 +112,37 @@ def density_of(problem: GridProblem) -> Density:
     return density
 
 
-def best_points(point: np.ndarray, density: Density, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the most likely points (B, k) with their log-density, best first. Increasing parts of the record are compared,
-    and after each the best quarter and all points within DEPTH of the best remain."""
-    which = np.arange(len(point))
+def find_hills(grid: ParameterGrid, density: Density, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the grid points with no higher neighbour, and their log-density, highest first. Increasing parts of the record
+    are compared, and after each the best quarter and all points within DEPTH of the best remain. From the hills of these, the
+    whole record is climbed to the next higher neighbour."""
+    which, part_value, neighbour = np.arange(len(grid.node)), np.full(len(grid.node), -np.inf), grid.neighbour
     for part in PARTS:
-        value = density(point[which], max(1, round(part * steps)))
+        value = density(grid.point[which], max(1, round(part * steps)))
         order = np.argsort(-value, kind="stable")
-        if part < 1:
-            order = order[: max(FEWEST, len(order) // 4, int(np.sum(value > value.max() - DEPTH)))]
+        order = order[: max(FEWEST, len(order) // 4, int(np.sum(value > value.max() - DEPTH)))]
         which, value = which[order], value[order]
-    return which, value
+    part_value[which] = value
+
+    def around(points: Sequence[int]) -> list[int]:
+        return [int(i) for i in np.unique(neighbour[points]) if i >= 0]
+
+    here = [i for i in which.tolist() if part_value[i] >= part_value[around([i])].max(initial=-np.inf)]
+    whole: dict[int, float] = {}
+    while True:
+        new = [i for i in {*here, *around(here)} if i not in whole]
+        whole |= dict(zip(new, density(grid.point[new]).tolist(), strict=True)) if new else {}
+        after = [max([i, *around([i])], key=whole.__getitem__) for i in here]
+        if after == here:
+            break
+        here = list(dict.fromkeys(after))
+    here.sort(key=whole.__getitem__, reverse=True)
+    return np.array(here), np.array([whole[i] for i in here])
 
 
 def _scan(grid: ParameterGrid, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:
-    """At most MOST_STARTS highest points (k,) of a grid that are not neighbours, with their log-density, highest first."""
-    which, value = best_points(grid.point, density, steps)
+    """At most MOST_STARTS highest hills (k,) of a grid that are not neighbours, with their log-density, highest first."""
+    which, value = find_hills(grid, density, steps)
     starts: list[int] = []
     for i, node in enumerate(grid.node[which]):
         if all(np.abs(node - grid.node[which[j]]).max() > 1 for j in starts):

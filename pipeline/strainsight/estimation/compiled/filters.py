@@ -50,7 +50,9 @@ def predict_mean(x, pairs, augmented, G, w, ahead):  # type: ignore[no-untyped-d
 
 @loop
 def move_considered(x, V, pairs, augmented, pairs_nu, augmented_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
-    """V ← A V − (A_ν x + G_ν w), x before it has moved; V (n, d), a row a state, as ν are many; behind (s, d): work space."""
+    """V ← A V − (A_ν x + G_ν w), x before it has moved.
+
+    ν are last, as they are many: V (n, d), slopes (4, q, e), (n, s, e), (n, p, e); behind (s, d): work space."""
     n, d = V.shape
     q, s = pairs.shape[1], len(augmented)
     for a in range(q):
@@ -67,14 +69,19 @@ def move_considered(x, V, pairs, augmented, pairs_nu, augmented_nu, G_nu, w, beh
         add_rows(augmented[:, a], behind, d, V[a])
         for k in range(d):
             V[a, k] = flush(V[a, k])
-    for k in range(len(pairs_nu)):
-        for a in range(q):
-            V[a, k] -= pairs_nu[k, 0, a] * x[a] + pairs_nu[k, 1, a] * x[q + a]
-            V[q + a, k] -= pairs_nu[k, 2, a] * x[a] + pairs_nu[k, 3, a] * x[q + a]
-        for a in range(n):
-            for b in range(s):
-                V[a, k] -= augmented_nu[k, b, a] * x[2 * q + b]
-            V[a, k] -= dot(G_nu[k, a], w)
+    e = pairs_nu.shape[2]
+    for a in range(n):
+        if a < 2 * q:
+            i, first = a % q, 2 * (a // q)
+            position, rate = x[i], x[q + i]
+            for k in range(e):
+                V[a, k] -= pairs_nu[first, i, k] * position + pairs_nu[first + 1, i, k] * rate
+        for b in range(s):
+            for k in range(e):
+                V[a, k] -= augmented_nu[a, b, k] * x[2 * q + b]
+        for j in range(len(w)):
+            for k in range(e):
+                V[a, k] -= G_nu[a, j, k] * w[j]
 
 
 @loop
@@ -261,10 +268,14 @@ def innovation_covariance(P, H, R, Ph, S):  # type: ignore[no-untyped-def]
         S[c, c] += R[c]
 
 
+PLAIN = 1e3
+"""Largest ratio of predicted and noise variance of a sample for an update in the short form, which loses as many digits."""
+
+
 @loop
-def update_covariance(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
+def update_covariance(P, h, r, k, Ph, Th):  # type: ignore[no-untyped-def]
     """P ← (I − k hᵀ) P (I − h kᵀ) + k r kᵀ, Joseph's form, symmetric but for rounding, with k ← P h/s; returns
-    s = hᵀP h + r."""
+    s = hᵀP h + r. Where the sample reduces no variance by more than PLAIN, P ← P − k (P h)ᵀ."""
     n = len(h)
     product(P, h, Ph)
     s = r + dot(h, Ph)
@@ -272,12 +283,15 @@ def update_covariance(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
         k[a] = Ph[a] / s
     for a in range(n):
         for b in range(n):
-            T[a, b] = P[a, b] - k[a] * Ph[b]
-        Th[a] = dot(T[a], h)
+            P[a, b] -= k[a] * Ph[b]
+    if s <= PLAIN * r:
+        return s
+    for a in range(n):
+        Th[a] = dot(P[a], h)
     for a in range(n):
         lost = Th[a] - r * k[a]
         for b in range(n):
-            P[a, b] = T[a, b] - lost * k[b]
+            P[a, b] -= lost * k[b]
     return s
 
 
@@ -307,7 +321,7 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
         np.empty((augmented.shape[1], d)),
     )
     V, V_c, free = np.empty((n, d)), np.empty((n, d)), np.empty(d)
-    f, ahead_of_loads = len(U), len(pairs_nu[0]) - len(U)
+    f, ahead_of_loads = len(U), pairs_nu.shape[3] - len(U)
     z = np.empty(f)
     for i in span:
         x, P, K, S = xs[i], Ps[i], gains[i], variances[i]
@@ -352,7 +366,7 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
                 if np.isnan(y[t, c]):
                     continue
                 if not steady:
-                    S[c] = update_covariance(P, H[i, c], R[t, c] + more[c], K[c], row, row2, work)
+                    S[c] = update_covariance(P, H[i, c], R[t, c] + more[c], K[c], row, row2)
                 innovation = y[t, c] - dot(F[i, c], known_end[t]) - dot(H[i, c], x)
                 for a in range(n):
                     x[a] += K[c, a] * innovation
