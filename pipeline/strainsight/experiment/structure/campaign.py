@@ -75,8 +75,8 @@ from strainsight.sensors.candidates import UNITS, units_in_words
 CHECKED, FILTERED, LATER, HELD = 0.4, 0.6, 0.7, 0.95
 """Progress with a short record at the channel check, at begin and end of filtering, and at the end of the hold-out test."""
 SHIFTED = 2.0
-"""Shift of a natural frequency over what its tolerance predicts, above which σ is computed with a larger tolerance: the ratio of
-Birge, Phys. Rev. 40 (1932), for one tolerance."""
+"""Shift of a natural frequency over what its tolerance predicts, above which a note names the mode. σ is computed with a larger
+tolerance above 1: the ratio of Birge, Phys. Rev. 40 (1932), for one tolerance."""
 CHECK, REST = 0.15, 0.45
 """Time of the channel check, and of fields and files, relative to one pass of filter and smoother."""
 
