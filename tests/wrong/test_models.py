@@ -174,10 +174,12 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
 
 
 @pytest.mark.slow
-def test_a_validation_withholds_sigma_there_and_says_it_first(tmp_path):
+def test_a_validation_withholds_sigma_there_and_says_it_first_and_on_the_page(tmp_path):
     changes = {"parameters.E.range": [E * (1 - 1e-9), E * (1 + 1e-9)], "parameters.E.guess": E, "place.certificate": False}
-    found = finished(tmp_path, "validate", ranges_bricks((4, 1, 1)), changes)
+    found = finished(tmp_path, "report", ranges_bricks((4, 1, 1)), changes)
     summary = found["validate"].summary
+    (page,) = tmp_path.rglob("report.html")
+    assert "withheld" in page.read_text(encoding="utf-8")
     assert str(summary["out_of_range"]).startswith("σ is withheld: E was estimated as 2.")
     assert summary["verdict"] == "σ is withheld"
     assert not [key for key in summary if key.split(".")[0] in ("claim", "std", "smoothed_std")]

@@ -158,7 +158,8 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> data.Unknown
     validate, place = up["validate"], up["place"]
     validated, placed, summary = read(Validated, validate), read(Placed, place), validate.summary
     truth, out_of_range, repeats = validated.truth[name], "out_of_range" in summary, repeated(name, validate)
-    number = {key: float(summary[f"{key}.{name}"]) for key in ("estimate", "error", "smoothed", "std", "smoothed_std")}
+    number = {key: float(summary[f"{key}.{name}"]) for key in ("estimate", "error", "smoothed")}
+    std, smoothed_std = (None if out_of_range else float(summary[f"{key}.{name}"]) for key in ("std", "smoothed_std"))
     identified = summary.get(f"identified.{name}") is not False
     return data.Unknown(
         name=name,
@@ -168,12 +169,12 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> data.Unknown
         truth=float(truth[-1]) if kind == "parameter" else rms(truth),
         estimate=number["estimate"],
         error=number["error"],
-        std=None if out_of_range else number["std"],
+        std=std,
         smoothed_error=number["smoothed"],
         expected_std=placed.expected_std[name] / placed_size(name, up),
         worst_case="" if placed.by_case is None else placed.by_case.worst[name],
         zero=bool(summary.get(f"zero.{name}", False)),
-        smoothed_std=None if out_of_range else number["smoothed_std"],
+        smoothed_std=smoothed_std,
         claims=() if out_of_range else claims_of(name, summary, repeats),
         withheld=out_of_range,
         benefit=benefit_of(number["error"], validated.all.error[name]),
