@@ -112,8 +112,7 @@ def filter_records(
     step and noise, not in unknowns, channels and ν. progress: called with the fraction of steps done. birge_ratio: as in
     `GridProblem`, above 1 for inconsistent measurements. The ratio is doubled after every FOLLOWED grids, which bounds their
     number. Other arguments as in `filter_on_grid`."""
-    along = keep != "parameters"
-    problem = GridProblem(tuple(records), keep, progress, True, False, birge_ratio)
+    problem, runs = GridProblem(tuple(records), "parameters", None, True, False, birge_ratio), None
     if problem.bilinear:
         problem = _centre_frequencies(problem)
     peaks = find_peaks(problem) if problem.bilinear or 0 < len(problem.prior[0]) <= FEW else []
@@ -122,22 +121,21 @@ def filter_records(
         before = max(peaks, key=lambda peak: peak.evidence).point
         here = filter_points(replace(problem, directions=None), one_point(before), problem.first[-1])
         problem = linearise_about_samples(problem.reduced_by(here), before, here.nu[0])
-    problem = replace(problem, along=along)
-    if not problem.bilinear:
-        return _run_grid(problem, peak_points)
-    runs = _run_grid(problem, peak_points)
-    # what slopes in a frequency leave out at first, the parameters take for theirs
-    for _ in range(AGAIN if problem.centre is not None else 1):
-        mean, covariance = runs[0].posterior
-        if problem.centre is not None and np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
-            break
-        ends = replace(problem, along=False, progress=None)
-        again = linearise_about_samples(ends, mean, runs[0].nu_moments[0])
-        if again is ends:
-            break
-        problem, before = replace(again, along=along), mean
-        runs = _run_grid(problem, peak_points)
-    return runs
+        # what slopes in a frequency leave out at first, the parameters take for theirs
+        for _ in range(AGAIN if problem.centre is not None else 1):
+            runs = _run_grid(problem, peak_points)
+            mean, covariance = runs[0].posterior
+            if problem.centre is not None and np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
+                break
+            again = linearise_about_samples(problem, mean, runs[0].nu_moments[0])
+            if again is problem:
+                break
+            problem, before, runs = again, mean, None
+    if keep != "parameters":
+        problem = replace(problem, keep=keep, along=True)
+    elif runs is not None:
+        return runs
+    return _run_grid(replace(problem, progress=progress), peak_points)
 
 
 def _centre_frequencies(problem: GridProblem) -> GridProblem:
