@@ -1,10 +1,10 @@
-"""One entry of the history: `make history`, or `python -m benchmarks.history`.
+"""One entry of the history: `make history`, or `python -m benchmarks.history [REFERENCE]`.
 
 Five jobs, each done by this package and by another program in turn, seven times, in one process of one thread. The ratio of
 the two processor times says how many times as long the other one takes; kept are its median, its least and its largest
 value. Both see the same machine in the same second, so that a busy one changes the ratio less than the times. Before a
 ratio is kept the two results are compared. One file a commit, that of the last change to the package; measured anew it is
-replaced.
+replaced. Then the stages are compared with those of a reference, the last release or else the commit of the last entry.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmarks import bearing, fem, placement
+from benchmarks import bearing, fem, placement, stages
 from benchmarks import filter as filters
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -215,6 +215,15 @@ def processor() -> str:
     return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.machine())
 
 
+def reference_commit() -> str:
+    """The commit of the last release, or of the last entry."""
+    tags = git("tag", "--list", "v*", "--sort=-version:refname").split()
+    if tags:
+        return git("rev-parse", f"{tags[0]}^{{commit}}")
+    entries = (json.loads(path.read_text(encoding="utf-8")) for path in FOLDER.glob("*.json"))
+    return str(max(entries, key=lambda entry: entry["committed"])["commit"])
+
+
 def main() -> None:
     if git("status", "--porcelain", "--", MEASURED):
         sys.exit(f"{MEASURED}/ has changes that no commit holds: commit them first, then measure")
@@ -239,6 +248,8 @@ def main() -> None:
             f" ({found['least']:g} to {found['largest']:g})",
             flush=True,
         )
+    reference = sys.argv[1] if len(sys.argv) > 1 else reference_commit()
+    entry["reference"], entry["stages"] = reference, stages.compare(reference, tuple(stages.JOBS))
     path = FOLDER / f"{entry['committed'][:10]}-{commit[:7]}.json"
     path.write_text(json.dumps(entry, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     print(path)

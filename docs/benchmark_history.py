@@ -64,6 +64,13 @@ def table(history: list[dict[str, Any]]) -> str:
         numbers = (f"{found[key]:g}" for key in ("own", "theirs", "ratio"))
         spread = f"{found['least']:g}, {found['largest']:g}"
         lines.append(f"| {' | '.join((name, found['what'], found['peer'], *numbers, spread))} |")
+    if "stages" in newest:
+        lines += ["", f"| command | commit {newest['reference'][:7]} [s] | ours [s] | ratio | peak memory of both [GiB] |"]
+        lines.append("|" + "---|" * 5)
+        for name, found in newest["stages"].items():
+            numbers = (f"{found[key]:.3g}" for key in ("reference_time", "time", "ratio"))
+            memory = f"{found['reference_memory']:.2f}, {found['memory']:.2f}"
+            lines.append(f"| {' | '.join((name, *numbers, memory))} |")
     versions = ", ".join(f"{name} {number}" for name, number in newest["versions"].items())
     lines += ["", f"Commit {newest['commit'][:7]}, measured on {newest['measured'][:10]} with {versions}.", ""]
     lines += [f"| commit | of | processor, cores | {' | '.join(names)} |", "|---|---|---|" + "---|" * len(names)]
