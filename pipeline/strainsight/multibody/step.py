@@ -14,7 +14,7 @@ from strainsight.multibody.accelerations import balance, element_load, unit_rows
 from strainsight.multibody.compiled import newton as iteration
 from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, TrialState, compile_system
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
-from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages, step_slopes
+from strainsight.multibody.compiled.stages import Past, Stages, Steps, nothing, solve_stages, step_slopes
 from strainsight.multibody.initial import check_regular
 from strainsight.multibody.joints import between
 from strainsight.multibody.relations import relation_rows
@@ -68,7 +68,7 @@ def step(
     Where Newton fails from the start it is led there by steps of h/2, h/4, …: the equations stay those of h.
     Raises NumericalError naming the constraint, body or force that is farthest from balance.
     Source: thesis (1.5-1.7); Gear, Gupta, Leimkuhler, J. Comput. Appl. Math. 12 (1985)."""
-    problem = problem_of(system, q, v, u[None], theta, w)
+    problem = problem_of(system, q, v, u[None, None], theta, w)
     first = _Trial(problem.q + h * problem.v, problem.v, *left_by(problem, guess))
     try:
         return _newton(problem, h, first)
@@ -81,7 +81,7 @@ def step(
 
 
 class StepProblem(NamedTuple):
-    """Start and conditions of the stages: q, v (n,); u (k, nu), θ, w (n,) or (0,)."""
+    """Start and conditions of steps: q, v (n,); u (T, k, nu) at k stages each, θ, w (n,) or (0,)."""
 
     system: System
     compiled: Compiled
@@ -112,35 +112,35 @@ def left_by(problem: StepProblem, guess: EulerStep | None) -> tuple[np.ndarray, 
     return none, none, np.zeros(problem.compiled.memory)
 
 
-def stages(
+def solve_steps(
     problem: StepProblem,
     h: float,
     carried: float,
     left: tuple[np.ndarray, np.ndarray, np.ndarray],
     near: tuple[np.ndarray, np.ndarray] | None,
     past: Past,
-) -> Stages:
-    """`solve_stages` of the problem; near: where the iteration of the last one starts. Raises the errors of laws in Python."""
-    point = problem.point._replace(q=problem.q, v=problem.v, h=h, u=problem.u[0], w=problem.w)
+) -> Steps:
+    """`solve_stages` of the problem; near: where the iteration of the last stage starts. Raises the errors of laws in Python."""
+    point = problem.point._replace(q=problem.q, v=problem.v, h=h, u=problem.u[0, 0], w=problem.w)
     start = np.zeros((0, len(problem.q))) if near is None else np.stack(near)
     mu, lam, memory = left
     arrays = problem.compiled
-    solution: Stages = solve_stages(
+    solution: Steps = solve_stages(
         arrays.arrays, arrays.pattern, point, problem.u, carried, memory, mu, lam, start, past
     )
-    if solution.ended == BROKEN and (failure := arrays.failure()):
+    if solution.last.ended == BROKEN and (failure := arrays.failure()):
         raise failure
     return solution
 
 
-def list_stages(problem: StepProblem, h: float, result: Stages) -> tuple[EulerStep, ...]:
-    """The stages as a tuple."""
+def list_stages(problem: StepProblem, h: float, result: Stages, u: np.ndarray) -> tuple[EulerStep, ...]:
+    """The stages of a step under u (k, nu)."""
     return tuple(
         EulerStep(
             result.q[i], result.v[i], result.mu[i], result.lam[i], int(result.iterations[i]), result.motion[i], result.memory[i],
-            (result.start_q[i], result.start_v[i]), problem.u[i], problem.theta, problem.w, h,
+            (result.start_q[i], result.start_v[i]), u[i], problem.theta, problem.w, h,
         )
-        for i in range(len(problem.u))
+        for i in range(len(u))
     )  # fmt: skip
 
 
@@ -169,9 +169,9 @@ def _lead(problem: StepProblem, h: float, first: _Trial, halvings: int) -> Euler
 
 
 def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
-    result = stages(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q)))
+    result = solve_steps(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q))).last
     if result.ended == SOLVED:
-        return list_stages(problem, h, result)[0]
+        return list_stages(problem, h, result, problem.u[0])[0]
     trial = result.q[0], result.v[0], result.mu[0], result.lam[0]
     raise _refusal(problem, h, trial, result.ended, int(result.iterations[0]))
 
@@ -192,7 +192,7 @@ def _refusal(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...], ende
         return error
     return NumericalError(
         f"the time step of {h:g} s was not solved after {count} iterations: {REASONS[ended]}; {off}"
-        f"{_dependent(problem.system, q, problem.u[0])}",
+        f"{_dependent(problem.system, q, problem.u[0, 0])}",
         remedy="use a smaller time step",
     )
 
@@ -202,10 +202,10 @@ def _farthest(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...]) -> 
     q, v, mu, lam = trial
     rho, G, *_ = relation_rows(system.products, q, v)
     for element in system.elements:
-        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u[0]).F
+        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u[0, 0]).F
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
-    at = balance(system, q, v, problem.u[0], problem.theta, a=(v - problem.v) / h, lam=lam, mu=mu)
+    at = balance(system, q, v, problem.u[0, 0], problem.theta, a=(v - problem.v) / h, lam=lam, mu=mu)
     whole = float(np.linalg.norm(d * problem.q)) or 1.0
     r3, r4 = at.B @ v + (0.0 if at.driven is None else at.driven.rate), at.phi
     off = np.concatenate([np.abs(r4), h * np.abs(r3)]) * np.tile(unit_rows(at.B, 1 / d)[1], 2) / whole
@@ -283,28 +283,47 @@ def advance(
     (n,) from which the iteration of the last stage starts. Neither changes the answer beyond what Newton's iteration leaves.
     Raises NumericalError as `step` does.
     Source: Alexander, SIAM J. Numer. Anal. 14 (1977); thesis (1.5-1.7)."""
-    stage_step, carried, inside = h, 0.0, np.empty((len(INSTANTS[method]), len(u[1])))
-    inside[-1] = u[1]
+    return advance_steps(system, q, v, np.stack(u), h, theta, method, w, last, near)[0]
+
+
+def advance_steps(
+    system: System,
+    q: np.ndarray,
+    v: np.ndarray,
+    u: np.ndarray,
+    h: float,
+    theta: np.ndarray,
+    method: Method,
+    w: np.ndarray | None = None,
+    last: Advance | None = None,
+    near: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[Advance, np.ndarray, np.ndarray, np.ndarray]:
+    """`advance` from row to row of u (T + 1, nu), until a step is difficult: at least one step. The last one, and q, v (t, n),
+    λ (t, m) at the ends of all."""
+    stage_step, carried, inside = h, 0.0, np.empty((len(u) - 1, len(INSTANTS[method]), u.shape[1]))
+    inside[:, -1] = u[1:]
     if method == "second_order":
         stage_step, carried = GAMMA * h, CARRIED
         if system.drives.names:
             W = between(system.drives, h, GAMMA)
-            inside[0] = W[0] @ u[0] + W[1] @ u[1]
+            inside[:, 0] = u[:-1] @ W[0].T + u[1:] @ W[1].T
         else:
-            inside[0] = (1 - GAMMA) * u[0] + GAMMA * u[1]
+            inside[:, 0] = (1 - GAMMA) * u[:-1] + GAMMA * u[1:]
     problem = problem_of(system, q, v, inside, theta, w)
     guess = None if last is None else last.stages[-1]
-    past = _past(last, stage_step, len(inside), system.size)
-    result = stages(problem, stage_step, carried, left_by(problem, guess), near, past)
-    if result.ended == SOLVED:
-        return Advance(list_stages(problem, stage_step, result), result.past)
+    past = _past(last, stage_step, inside.shape[1], system.size)
+    result = solve_steps(problem, stage_step, carried, left_by(problem, guess), near, past)
+    if result.last.ended == SOLVED:
+        end = Advance(list_stages(problem, stage_step, result.last, inside[len(result.q) - 1]), result.last.past)
+        return end, result.q, result.v, result.lam
     # each by itself, led there
-    first = step(system, q, v, inside[0], stage_step, theta, w, guess)
+    first = step(system, q, v, inside[0, 0], stage_step, theta, w, guess)
     both: tuple[EulerStep, ...] = (first,)
-    if len(inside) > 1:
+    if inside.shape[1] > 1:
         middle = q + carried * (first.q - q), v + carried * (first.v - v)
-        both = first, step(system, *middle, inside[1], stage_step, theta, w, first)
-    return Advance(both, nothing(len(both), system.size))
+        both = first, step(system, *middle, inside[0, 1], stage_step, theta, w, first)
+    end = Advance(both, nothing(len(both), system.size))
+    return end, end.q[None], end.v[None], both[-1].lam[None]
 
 
 def _past(last: Advance | None, h: float, count: int, n: int) -> Past:

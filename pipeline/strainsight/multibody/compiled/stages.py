@@ -55,8 +55,49 @@ def nothing(stages: int, n: int) -> Past:
     )  # fmt: skip
 
 
+class Steps(NamedTuple):
+    """Solved steps: q, v (T, n), λ (T, m) at their ends, and the stages of the last one; of an unsolved first step its stages."""
+
+    q: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+    last: Stages
+
+
 @kept(*FILES, "multibody/compiled/newton.py")
 def solve_stages(
+    s: Arrays,
+    pattern: Sparsity,
+    p: StepPoint,
+    u: np.ndarray,
+    carried: float,
+    memory: np.ndarray,
+    mu: np.ndarray,
+    lam: np.ndarray,
+    near: np.ndarray,
+    past: Past,
+) -> Steps:
+    """Steps from p.q, p.v under u (T, k, nu), of k stages each (`_solve_step`), up to the first one that is not solved. near:
+    where the iteration of the last stage of each starts."""
+    q, v, lams = np.empty((len(u), len(p.q))), np.empty((len(u), len(p.q))), np.empty((len(u), len(lam)))
+    done, at, end = 0, p, u.shape[1] - 1
+    for k in range(len(u)):
+        stages = _solve_step(s, pattern, at, u[k], carried, memory, mu, lam, near, past)
+        if k == 0 or stages.ended == SOLVED:
+            last = stages
+        if stages.ended != SOLVED:
+            break
+        past, memory, mu, lam = stages.past, stages.memory[end], stages.mu[end], stages.lam[end]
+        copy(stages.q[end], q[k])
+        copy(stages.v[end], v[k])
+        copy(lam, lams[k])
+        at = StepPoint(q[k], v[k], p.h, p.u, p.theta, p.K, p.C, p.w, p.address, p.begin, p.numbers)
+        done += 1
+    return Steps(q[:done], v[:done], lams[:done], last)
+
+
+@inner
+def _solve_step(
     s: Arrays,
     pattern: Sparsity,
     p: StepPoint,
