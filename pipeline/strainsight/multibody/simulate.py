@@ -79,8 +79,8 @@ def _run(
     step: Callable[[int, np.ndarray, np.ndarray], State],
     progress: Callable[[int], None] | None,
 ) -> Trajectory:
-    """The states at 0, h, 2h, … under u (T + 1, nu); step: one or more steps from k, q, v. Raises InfeasibleError where the start breaks a
-    constraint."""
+    """The states at 0, h, 2h, … under u (T + 1, nu); step: one or more steps from k, q, v. Raises InfeasibleError where the
+    start breaks a constraint."""
     check_consistent(system, np.asarray(start[0], dtype=float), np.asarray(start[1], dtype=float), u[0])
     count = len(u) - 1
     q, v = np.empty((2, count + 1, system.size))
