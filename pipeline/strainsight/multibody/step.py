@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.accelerations import balance, element_load, unit_rows
 from strainsight.multibody.compiled import newton as iteration
-from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, TrialState, compile_system
+from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, compile_system
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
 from strainsight.multibody.compiled.stages import Past, Stages, Steps, nothing, solve_stages, step_slopes
 from strainsight.multibody.initial import check_regular
@@ -133,17 +134,6 @@ def solve_steps(
     return solution
 
 
-def list_stages(problem: StepProblem, h: float, result: Stages, u: np.ndarray) -> tuple[EulerStep, ...]:
-    """The stages of a step under u (k, nu)."""
-    return tuple(
-        EulerStep(
-            result.q[i], result.v[i], result.mu[i], result.lam[i], int(result.iterations[i]), result.motion[i], result.memory[i],
-            (result.start_q[i], result.start_v[i]), u[i], problem.theta, problem.w, h,
-        )
-        for i in range(len(u))
-    )  # fmt: skip
-
-
 class _Trial(NamedTuple):
     """Start of Newton's iteration."""
 
@@ -171,7 +161,7 @@ def _lead(problem: StepProblem, h: float, first: _Trial, halvings: int) -> Euler
 def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
     result = solve_steps(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q))).last
     if result.ended == SOLVED:
-        return list_stages(problem, h, result, problem.u[0])[0]
+        return Advance(result, problem.u[0], problem.theta, problem.w, h).stages[0]
     trial = result.q[0], result.v[0], result.mu[0], result.lam[0]
     raise _refusal(problem, h, trial, result.ended, int(result.iterations[0]))
 
@@ -245,18 +235,43 @@ INSTANTS: Mapping[Method, tuple[float, ...]] = MappingProxyType({"second_order":
 
 @dataclass(frozen=True)
 class Advance:
-    """State at the end, q, v (n,), the implicit steps, and the data from which the next ones are predicted."""
+    """State at the end, q, v (n,), and the implicit steps of h under u (k, width), with the data from which the next ones are
+    predicted."""
 
-    stages: tuple[EulerStep, ...]
-    past: Past
+    result: Stages
+    u: np.ndarray
+    theta: np.ndarray
+    w: np.ndarray
+    h: float
 
     @property
     def q(self) -> np.ndarray:
-        return self.stages[-1].q
+        return self.result.q[-1]
 
     @property
     def v(self) -> np.ndarray:
-        return self.stages[-1].v
+        return self.result.v[-1]
+
+    @cached_property
+    def stages(self) -> tuple[EulerStep, ...]:
+        """The steps one by one."""
+        fields = zip(*self.result[1:10], self.u, strict=True)
+        return tuple(
+            EulerStep(q, v, mu, lam, int(count), motion, memory, (start_q, start_v), u, self.theta, self.w, self.h)
+            for count, start_q, start_v, q, v, motion, mu, lam, memory, u in fields
+        )
+
+
+def _joined(steps: Sequence[EulerStep]) -> Advance:
+    """Steps of one length as the stages of one."""
+    columns = (
+        np.array([at.iterations for at in steps]),
+        *(np.stack([at.start[k] for at in steps]) for k in range(2)),
+        *(np.stack([getattr(at, name) for at in steps]) for name in ("q", "v", "motion", "mu", "lam", "memory")),
+    )
+    last = steps[-1]
+    result = Stages._make((SOLVED, *columns, nothing(len(steps), len(last.q))))
+    return Advance(result, np.stack([at.u for at in steps]), last.theta, last.w, last.h)
 
 
 def advance(
@@ -310,19 +325,20 @@ def advance_steps(
         else:
             inside[:, 0] = (1 - GAMMA) * u[:-1] + GAMMA * u[1:]
     problem = problem_of(system, q, v, inside, theta, w)
-    guess = None if last is None else last.stages[-1]
     past = _past(last, stage_step, inside.shape[1], system.size)
-    result = solve_steps(problem, stage_step, carried, left_by(problem, guess), near, past)
+    left = left_by(problem, None) if last is None else (last.result.mu[-1], last.result.lam[-1], last.result.memory[-1])
+    result = solve_steps(problem, stage_step, carried, left, near, past)
     if result.last.ended == SOLVED:
-        end = Advance(list_stages(problem, stage_step, result.last, inside[len(result.q) - 1]), result.last.past)
+        end = Advance(result.last, inside[len(result.q) - 1], problem.theta, problem.w, stage_step)
         return end, result.q, result.v, result.lam
     # each by itself, led there
+    guess = None if last is None else last.stages[-1]
     first = step(system, q, v, inside[0, 0], stage_step, theta, w, guess)
     both: tuple[EulerStep, ...] = (first,)
     if inside.shape[1] > 1:
         middle = q + carried * (first.q - q), v + carried * (first.v - v)
         both = first, step(system, *middle, inside[0, 1], stage_step, theta, w, first)
-    end = Advance(both, nothing(len(both), system.size))
+    end = _joined(both)
     return end, end.q[None], end.v[None], both[-1].lam[None]
 
 
@@ -330,10 +346,11 @@ def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
     """Past of the previous step; for another step length its last acceleration only."""
     if last is None:
         return nothing(count, n)
-    before = last.stages[-1]
-    if before.h == h and len(last.stages) == count and len(last.past.rate):
-        return last.past
-    return nothing(count, n)._replace(rate=np.stack([np.zeros(n), (before.v - before.start[1]) / before.h]))
+    result = last.result
+    if last.h == h and len(last.u) == count and len(result.past.rate):
+        return result.past
+    rate = np.stack([np.zeros(n), (last.v - result.start_v[-1]) / last.h])
+    return nothing(count, n)._replace(rate=rate)
 
 
 def linear_step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:
@@ -366,22 +383,24 @@ def slopes(system: System, at: Advance, forced: bool = True) -> AdvanceSlopes:
 
     A = A₂ ((1 − c) 1 + c A₁),     ∂/∂p = B₂ + c A₂ B₁   of θ and w,     u(γh) = W₀ u(0) + W₁ u(h)  (`between`)
     """
-    parts = [sensitivities(system, stage) for stage in at.stages]
-    if len(parts) == 1:
-        only: Sensitivities = parts[0]
-        return AdvanceSlopes(only.A, np.zeros_like(only.B_u), only.B_u, only.B_theta, only.B_w)
-    first, second = parts
-    through = CARRIED * second.A
-    A = through @ first.A
-    A += (1 - CARRIED) * second.A
-    B_w = second.B_w + through @ first.B_w if forced else second.B_w[:, :0]
-    inside, h = through @ first.B_u, at.stages[0].h / GAMMA
+    arrays, result = compile_system(system), at.result
+    point = arrays.at(system, at.theta)._replace(q=at.q, v=at.v, h=at.h, u=at.u[-1], w=at.w)
+    elastic = np.zeros((len(at.u), system.size, 0))
+    if len(at.theta):
+        by_theta = (
+            system.stiffness_terms @ q + system.damping_terms @ v for q, v in zip(result.q, result.v, strict=True)
+        )
+        elastic = np.stack([each.T for each in by_theta])
+    regular, A, inside, end, B_theta, B_w = step_slopes(
+        arrays.arrays, arrays.pattern, point, at.u, result.start_q, result.start_v, result.q, result.motion, result.mu,
+        result.lam, result.memory, elastic, CARRIED, forced,
+    )  # fmt: skip
+    if not regular:
+        raise NumericalError("the matrix of the time step is singular")
     if system.drives.names:
-        W = between(system.drives, h, GAMMA)
-        start, end = inside @ W[0], inside @ W[1]
-    else:
-        start, end = (1 - GAMMA) * inside, GAMMA * inside
-    return AdvanceSlopes(A, start, second.B_u + end, second.B_theta + through @ first.B_theta, B_w)
+        W = between(system.drives, at.h / GAMMA, GAMMA)
+        return AdvanceSlopes(A, inside @ W[0], end + inside @ W[1], B_theta, B_w)
+    return AdvanceSlopes(A, (1 - GAMMA) * inside, end + GAMMA * inside, B_theta, B_w)
 
 
 @dataclass(frozen=True)
@@ -404,12 +423,5 @@ def sensitivities(system: System, at: EulerStep) -> Sensitivities:
     Exact at the new state, where the matrix is factorised once more: the one of Newton's last iteration belongs to the
     state before its last correction. Valid off the constraints too: x_k may be any state, x_{k+1} is on them.
     Raises NumericalError where the matrix is singular."""
-    arrays, solution = compile_system(system), TrialState(at.q, at.motion, at.mu, at.lam)
-    elastic = np.ascontiguousarray((system.stiffness_terms @ at.q + system.damping_terms @ at.v).T)
-    point = arrays.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)
-    regular, A, B_u, B_theta, B_w = step_slopes(
-        arrays.arrays, arrays.pattern, point, at.memory.copy(), solution, elastic
-    )
-    if not regular:
-        raise NumericalError("the matrix of the time step is singular")
-    return Sensitivities(A, B_u, B_theta, B_w)
+    s = slopes(system, _joined([at]))
+    return Sensitivities(s.A, s.B_end, s.B_theta, s.B_w)
