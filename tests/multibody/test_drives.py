@@ -11,6 +11,7 @@ from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElem
 from strainsight.multibody.initial import (
     Pose,
     constraints_at,
+    nearest_state,
     project_position,
     project_velocity,
     state,
@@ -54,6 +55,17 @@ def test_a_driven_arm_is_at_its_angle_through_more_than_a_whole_turn():
     np.testing.assert_allclose(run.q[:, 3:5], np.column_stack([np.cos(u[:, 0]), np.sin(u[:, 0])]), atol=1e-13)
     sideways = np.column_stack([-np.sin(u[:, 0]), np.cos(u[:, 0])])
     np.testing.assert_allclose(run.v[:, 3:5], u[:, 1:] * sideways, atol=1e-11)
+
+
+def test_nearest_state_of_a_driven_arm_is_its_projection():
+    """`project_position` and `project_velocity` solve the same by least squares."""
+    system, u, rng = driven_pendulum(), turning(np.array([0.7]))[0], np.random.default_rng(4)
+    q, v = state(system, {"bob": Pose(rotation=Rotation.from_euler("z", u[0]).as_matrix())})
+    off, speed = q + 1e-3 * rng.normal(size=12), v + rng.normal(size=12)
+    near = nearest_state(system, off, speed, u)
+    place = project_position(system, off, u)
+    np.testing.assert_allclose(near[0], place, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(near[1], project_velocity(system, place, speed, u), rtol=0, atol=1e-12)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import prismatic, revolute, spherical
 from strainsight.multibody.laws import bushing
 from strainsight.multibody.relations import place
-from strainsight.multibody.simulate import simulate, simulate_controlled
+from strainsight.multibody.simulate import BLOCK, simulate, simulate_controlled
 from strainsight.multibody.step import advance, step
 from strainsight.multibody.system import assemble
 
@@ -244,3 +244,17 @@ def test_the_stone_met_the_floor_and_left_it():
     height = np.array([own.q[2] for own in run(*bouncing(), 150, 2e-3)])
     assert height.min() < -1e-4
     assert height[-1] > 0
+
+
+def test_simulation_in_blocks_takes_the_steps_of_advance():
+    """To the last bit, across the end of a block."""
+    system, q, v = pendulum()
+    steps, done, last = BLOCK + 6, [], None
+    run = simulate(system, q, v, np.zeros((steps + 1, 0)), 0.01, np.zeros(0), progress=done.append)
+    assert done == [BLOCK, steps]
+    for k in range(steps):
+        last = advance(system, q, v, (np.zeros(0), np.zeros(0)), 0.01, np.zeros(0), "second_order", last=last)
+        q, v = last.q, last.v
+        np.testing.assert_array_equal(run.q[k + 1], q)
+        np.testing.assert_array_equal(run.v[k + 1], v)
+        np.testing.assert_array_equal(run.lam[k], last.stages[-1].lam)

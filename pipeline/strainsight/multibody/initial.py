@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import qr
-from scipy.linalg.lapack import dpotrf, dpotrs
 
+from strainsight.compiled import inner, kept
 from strainsight.errors import InfeasibleError, NumericalError, did_you_mean
 from strainsight.multibody.accelerations import TINY, Balance, balance, mass_at, saddle, unit_rows
 from strainsight.multibody.bodies import cross_matrix
-from strainsight.multibody.joints import drive
-from strainsight.multibody.relations import relation_rows
+from strainsight.multibody.compiled.arrays import compile_system
+from strainsight.multibody.joints import drive, drive_relations
+from strainsight.multibody.relations import Relations, carried_vectors, relation_rows, rows
 from strainsight.multibody.system import System
 
 DEPENDENT = 1e-9
@@ -146,28 +146,13 @@ def nearest_state(
     as `project_position` and `project_velocity`, without their questions whether the joints are independent: that is for
     the start. u as of `constraints_at`. Raises InfeasibleError as `project_position` does, where no configuration nearby
     satisfies the joints."""
-    q, d = np.array(q, dtype=float), system.metric
+    q, v = np.array(q, dtype=float), np.array(v, dtype=float)
     if not system.constrained:
-        return q, np.array(v, dtype=float)
-    before, per = np.inf, 1 / d
-    for _ in range(NEAREST):
-        phi, B, rate = constraints_at(system, q, u)
-        unit, s = unit_rows(B, per)
-        lower, singular = dpotrf(unit @ unit.T, lower=1)
-        if singular:
-            break
-        x = _across(unit, lower, s * phi)
-        q -= x * per
-        y = d * q
-        size, whole = math.sqrt(x @ x), math.sqrt(y @ y)
-        if not math.isfinite(size):
-            break
-        if size <= AT_REST * whole or (size < 1e-12 * whole and size > 0.3 * before):
-            y = d * v
-            for _ in range(2):
-                y = y - _across(unit, lower, s * (B @ (y * per) + rate))
-            return q, y * per
-        before = size
+        return q, v
+    s = compile_system(system).natural
+    loads = np.zeros(0) if u is None else np.ascontiguousarray(u, dtype=float)
+    if _nearest(s.relations, s.body, s.d, s.drive, s.drive_at, s.drives, system.constrained, loads, q, v):
+        return q, v
     project_position(system, q, u)
     raise InfeasibleError(
         "the joints cannot be satisfied near the current positions of the bodies",
@@ -175,9 +160,77 @@ def nearest_state(
     )
 
 
+@kept("multibody/bodies.py", "multibody/joints.py", "multibody/relations.py")
+def _nearest(
+    r: Relations,
+    body: np.ndarray,
+    d: np.ndarray,
+    drive: np.ndarray,
+    at: int,
+    drives: int,
+    m: int,
+    u: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+) -> bool:
+    """`nearest_state` in place; drive, at, drives as in `Arrays`. Whether it rests."""
+    n, before = len(q), np.inf
+    still, none, rate, s = np.zeros(n), np.zeros((0, n)), np.zeros(m), np.empty(m)
+    for _ in range(NEAREST):
+        rho, rho_dot, g, _, _ = rows(r, body, carried_vectors(r, body, q, still), n, n < 0)
+        by = np.zeros((len(drive), n + 2))
+        drive_relations(drive, at, drives, u, rho, rho_dot, g, none, by)
+        for k in range(len(drive)):
+            rate[drive[k, 0]] = by[k, n] * u[at + drives + drive[k, 2]]
+        for i in range(m):
+            g[i] /= d
+            s[i] = 1 / max(np.sqrt(np.sum(g[i] ** 2)), TINY)
+            g[i] *= s[i]
+        unit = g[:m]
+        lower = unit @ unit.T
+        if not _cholesky(lower):
+            return False
+        x = _across(unit, lower, s * rho[:m])
+        q -= x / d
+        size, whole = np.sqrt(np.sum(x**2)), np.sqrt(np.sum((d * q) ** 2))
+        if not np.isfinite(size):
+            return False
+        if size <= AT_REST * whole or (size < 1e-12 * whole and size > 0.3 * before):
+            y = d * v
+            for _ in range(2):
+                y -= _across(unit, lower, unit @ y + s * rate)
+            v[:] = y / d
+            return True
+        before = size
+    return False
+
+
+@inner
+def _cholesky(A: np.ndarray) -> bool:
+    """A = L Lᵀ (m, m), L in its lower half; whether A is positive definite."""
+    for j in range(len(A)):
+        for i in range(j, len(A)):
+            for k in range(j):
+                A[i, j] -= A[i, k] * A[j, k]
+            if i == j and not A[j, j] > 0.0:
+                return False
+            A[i, j] = np.sqrt(A[j, j]) if i == j else A[i, j] / A[j, j]
+    return True
+
+
+@inner
 def _across(B: np.ndarray, lower: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Bᵀ(BBᵀ)⁻¹ value (m,) of B (m, n), lower Cholesky's factor of BBᵀ."""
-    return np.asarray(dpotrs(lower, value, lower=1)[0] @ B)
+    """Bᵀ(BBᵀ)⁻¹ value (m,) of B (m, n), lower Cholesky's factor of BBᵀ; value is overwritten."""
+    m = len(value)
+    for i in range(m):
+        for k in range(i):
+            value[i] -= lower[i, k] * value[k]
+        value[i] /= lower[i, i]
+    for i in range(m - 1, -1, -1):
+        for k in range(i + 1, m):
+            value[i] -= lower[k, i] * value[k]
+        value[i] /= lower[i, i]
+    return value @ B
 
 
 def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> None:

@@ -12,9 +12,11 @@ from scipy.linalg import LinAlgError, lu_factor, lu_solve
 from strainsight.errors import NumericalError
 from strainsight.multibody.accelerations import Balance, balance
 from strainsight.multibody.initial import check_consistent, nearest_state
-from strainsight.multibody.step import Advance, Method, advance
+from strainsight.multibody.step import Advance, Method, advance, advance_steps
 from strainsight.multibody.system import System
 
+BLOCK = 64
+"""Most steps that compiled code takes at once."""
 FINEST = 1024
 """Largest number of parts of a step."""
 SAMPLED, STRAIGHT = 64, 1e-3
@@ -59,14 +61,14 @@ def simulate(
     def step(k: int, q: np.ndarray, v: np.ndarray) -> State:
         nonlocal last
         with at_time(k * h):
-            last = advance(system, q, v, (u[k], u[k + 1]), h, theta, method, last=last)
-        return last.q, last.v, last.stages[-1].lam
+            last, *ends = advance_steps(system, q, v, u[k : k + BLOCK + 1], h, theta, method, last=last)
+        return ends[0], ends[1], ends[2]
 
     return _run(system, (q0, v0), u, h, step, progress)
 
 
 State = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""q, v (n,), λ (m,)."""
+"""q, v (t, n), λ (t, m) at the ends of t steps."""
 
 
 def _run(
@@ -77,17 +79,20 @@ def _run(
     step: Callable[[int, np.ndarray, np.ndarray], State],
     progress: Callable[[int], None] | None,
 ) -> Trajectory:
-    """The states at 0, h, 2h, … under u (T + 1, nu); step: from k, q, v. Raises InfeasibleError where the start breaks a
-    constraint."""
+    """The states at 0, h, 2h, … under u (T + 1, nu); step: one or more steps from k, q, v. Raises InfeasibleError where the
+    start breaks a constraint."""
     check_consistent(system, np.asarray(start[0], dtype=float), np.asarray(start[1], dtype=float), u[0])
     count = len(u) - 1
     q, v = np.empty((2, count + 1, system.size))
     lam = np.empty((count, system.constrained))
     q[0], v[0] = start
-    for k in range(count):
-        q[k + 1], v[k + 1], lam[k] = step(k, q[k], v[k])
+    done = 0
+    while done < count:
+        ends = step(done, q[done], v[done])
+        first, done = done, done + len(ends[0])
+        q[first + 1 : done + 1], v[first + 1 : done + 1], lam[first:done] = ends
         if progress is not None:
-            progress(k + 1)
+            progress(done)
     return Trajectory(h * np.arange(count + 1), q, v, u, lam)
 
 
@@ -166,7 +171,7 @@ def simulate_controlled(
         largest, last, parts[k] = whole, fine, 2 * n
         if EASY * steps * off < tolerance:
             n = max(1, n // 2)
-        return fine.q, fine.v, fine.stages[-1].lam
+        return fine.q[None], fine.v[None], fine.stages[-1].lam[None]
 
     return Controlled(_run(system, (q0, v0), loads(h * np.arange(steps + 1)), h, step, progress), parts)
 
@@ -258,7 +263,7 @@ def simulate_radau(
         ahead = q + h * v + h**2 * (WEIGHTS @ WEIGHTS)[-1] @ stages[:, :n]
         end, lam = nearest_state(system, ahead, v + h * WEIGHTS[-1] @ stages[:, :n], u[k + 1]), stages[-1, n:]
         stages = _EXTENDED @ stages
-        return *end, lam
+        return end[0][None], end[1][None], lam[None]
 
     return _run(system, (q0, v0), u, h, step, progress)
 

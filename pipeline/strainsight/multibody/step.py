@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -12,9 +13,9 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.accelerations import balance, element_load, unit_rows
 from strainsight.multibody.compiled import newton as iteration
-from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, TrialState, compile_system
+from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, compile_system
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
-from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages, step_slopes
+from strainsight.multibody.compiled.stages import Past, Stages, Steps, nothing, solve_stages, step_slopes
 from strainsight.multibody.initial import check_regular
 from strainsight.multibody.joints import between
 from strainsight.multibody.relations import relation_rows
@@ -68,7 +69,7 @@ def step(
     Where Newton fails from the start it is led there by steps of h/2, h/4, …: the equations stay those of h.
     Raises NumericalError naming the constraint, body or force that is farthest from balance.
     Source: thesis (1.5-1.7); Gear, Gupta, Leimkuhler, J. Comput. Appl. Math. 12 (1985)."""
-    problem = problem_of(system, q, v, u[None], theta, w)
+    problem = problem_of(system, q, v, u[None, None], theta, w)
     first = _Trial(problem.q + h * problem.v, problem.v, *left_by(problem, guess))
     try:
         return _newton(problem, h, first)
@@ -81,7 +82,7 @@ def step(
 
 
 class StepProblem(NamedTuple):
-    """Start and conditions of the stages: q, v (n,); u (k, nu), θ, w (n,) or (0,)."""
+    """Start and conditions of steps: q, v (n,); u (T, k, nu) at k stages each, θ, w (n,) or (0,)."""
 
     system: System
     compiled: Compiled
@@ -112,36 +113,25 @@ def left_by(problem: StepProblem, guess: EulerStep | None) -> tuple[np.ndarray, 
     return none, none, np.zeros(problem.compiled.memory)
 
 
-def stages(
+def solve_steps(
     problem: StepProblem,
     h: float,
     carried: float,
     left: tuple[np.ndarray, np.ndarray, np.ndarray],
     near: tuple[np.ndarray, np.ndarray] | None,
     past: Past,
-) -> Stages:
-    """`solve_stages` of the problem; near: where the iteration of the last one starts. Raises the errors of laws in Python."""
-    point = problem.point._replace(q=problem.q, v=problem.v, h=h, u=problem.u[0], w=problem.w)
+) -> Steps:
+    """`solve_stages` of the problem; near: where the iteration of the last stage starts. Raises the errors of laws in Python."""
+    point = problem.point._replace(q=problem.q, v=problem.v, h=h, u=problem.u[0, 0], w=problem.w)
     start = np.zeros((0, len(problem.q))) if near is None else np.stack(near)
     mu, lam, memory = left
     arrays = problem.compiled
-    solution: Stages = solve_stages(
+    solution: Steps = solve_stages(
         arrays.arrays, arrays.pattern, point, problem.u, carried, memory, mu, lam, start, past
     )
-    if solution.ended == BROKEN and (failure := arrays.failure()):
+    if solution.last.ended == BROKEN and (failure := arrays.failure()):
         raise failure
     return solution
-
-
-def list_stages(problem: StepProblem, h: float, result: Stages) -> tuple[EulerStep, ...]:
-    """The stages as a tuple."""
-    return tuple(
-        EulerStep(
-            result.q[i], result.v[i], result.mu[i], result.lam[i], int(result.iterations[i]), result.motion[i], result.memory[i],
-            (result.start_q[i], result.start_v[i]), problem.u[i], problem.theta, problem.w, h,
-        )
-        for i in range(len(problem.u))
-    )  # fmt: skip
 
 
 class _Trial(NamedTuple):
@@ -169,9 +159,9 @@ def _lead(problem: StepProblem, h: float, first: _Trial, halvings: int) -> Euler
 
 
 def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
-    result = stages(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q)))
+    result = solve_steps(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q))).last
     if result.ended == SOLVED:
-        return list_stages(problem, h, result)[0]
+        return Advance(result, problem.u[0], problem.theta, problem.w, h).stages[0]
     trial = result.q[0], result.v[0], result.mu[0], result.lam[0]
     raise _refusal(problem, h, trial, result.ended, int(result.iterations[0]))
 
@@ -192,7 +182,7 @@ def _refusal(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...], ende
         return error
     return NumericalError(
         f"the time step of {h:g} s was not solved after {count} iterations: {REASONS[ended]}; {off}"
-        f"{_dependent(problem.system, q, problem.u[0])}",
+        f"{_dependent(problem.system, q, problem.u[0, 0])}",
         remedy="use a smaller time step",
     )
 
@@ -202,10 +192,10 @@ def _farthest(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...]) -> 
     q, v, mu, lam = trial
     rho, G, *_ = relation_rows(system.products, q, v)
     for element in system.elements:
-        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u[0]).F
+        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u[0, 0]).F
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
-    at = balance(system, q, v, problem.u[0], problem.theta, a=(v - problem.v) / h, lam=lam, mu=mu)
+    at = balance(system, q, v, problem.u[0, 0], problem.theta, a=(v - problem.v) / h, lam=lam, mu=mu)
     whole = float(np.linalg.norm(d * problem.q)) or 1.0
     r3, r4 = at.B @ v + (0.0 if at.driven is None else at.driven.rate), at.phi
     off = np.concatenate([np.abs(r4), h * np.abs(r3)]) * np.tile(unit_rows(at.B, 1 / d)[1], 2) / whole
@@ -245,18 +235,43 @@ INSTANTS: Mapping[Method, tuple[float, ...]] = MappingProxyType({"second_order":
 
 @dataclass(frozen=True)
 class Advance:
-    """State at the end, q, v (n,), the implicit steps, and the data from which the next ones are predicted."""
+    """State at the end, q, v (n,), and the implicit steps of h under u (k, width), with the data from which the next ones are
+    predicted."""
 
-    stages: tuple[EulerStep, ...]
-    past: Past
+    result: Stages
+    u: np.ndarray
+    theta: np.ndarray
+    w: np.ndarray
+    h: float
 
     @property
     def q(self) -> np.ndarray:
-        return self.stages[-1].q
+        return self.result.q[-1]
 
     @property
     def v(self) -> np.ndarray:
-        return self.stages[-1].v
+        return self.result.v[-1]
+
+    @cached_property
+    def stages(self) -> tuple[EulerStep, ...]:
+        """The steps one by one."""
+        fields = zip(*self.result[1:10], self.u, strict=True)
+        return tuple(
+            EulerStep(q, v, mu, lam, int(count), motion, memory, (start_q, start_v), u, self.theta, self.w, self.h)
+            for count, start_q, start_v, q, v, motion, mu, lam, memory, u in fields
+        )
+
+
+def _joined(steps: Sequence[EulerStep]) -> Advance:
+    """Steps of one length as the stages of one."""
+    columns = (
+        np.array([at.iterations for at in steps]),
+        *(np.stack([at.start[k] for at in steps]) for k in range(2)),
+        *(np.stack([getattr(at, name) for at in steps]) for name in ("q", "v", "motion", "mu", "lam", "memory")),
+    )
+    last = steps[-1]
+    result = Stages._make((SOLVED, *columns, nothing(len(steps), len(last.q))))
+    return Advance(result, np.stack([at.u for at in steps]), last.theta, last.w, last.h)
 
 
 def advance(
@@ -283,38 +298,59 @@ def advance(
     (n,) from which the iteration of the last stage starts. Neither changes the answer beyond what Newton's iteration leaves.
     Raises NumericalError as `step` does.
     Source: Alexander, SIAM J. Numer. Anal. 14 (1977); thesis (1.5-1.7)."""
-    stage_step, carried, inside = h, 0.0, np.empty((len(INSTANTS[method]), len(u[1])))
-    inside[-1] = u[1]
+    return advance_steps(system, q, v, np.stack(u), h, theta, method, w, last, near)[0]
+
+
+def advance_steps(
+    system: System,
+    q: np.ndarray,
+    v: np.ndarray,
+    u: np.ndarray,
+    h: float,
+    theta: np.ndarray,
+    method: Method,
+    w: np.ndarray | None = None,
+    last: Advance | None = None,
+    near: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[Advance, np.ndarray, np.ndarray, np.ndarray]:
+    """`advance` from row to row of u (T + 1, nu), until a step is difficult: at least one step. The last one, and q, v (t, n),
+    λ (t, m) at the ends of all."""
+    stage_step, carried, inside = h, 0.0, np.empty((len(u) - 1, len(INSTANTS[method]), u.shape[1]))
+    inside[:, -1] = u[1:]
     if method == "second_order":
         stage_step, carried = GAMMA * h, CARRIED
         if system.drives.names:
             W = between(system.drives, h, GAMMA)
-            inside[0] = W[0] @ u[0] + W[1] @ u[1]
+            inside[:, 0] = u[:-1] @ W[0].T + u[1:] @ W[1].T
         else:
-            inside[0] = (1 - GAMMA) * u[0] + GAMMA * u[1]
+            inside[:, 0] = (1 - GAMMA) * u[:-1] + GAMMA * u[1:]
     problem = problem_of(system, q, v, inside, theta, w)
-    guess = None if last is None else last.stages[-1]
-    past = _past(last, stage_step, len(inside), system.size)
-    result = stages(problem, stage_step, carried, left_by(problem, guess), near, past)
-    if result.ended == SOLVED:
-        return Advance(list_stages(problem, stage_step, result), result.past)
+    past = _past(last, stage_step, inside.shape[1], system.size)
+    left = left_by(problem, None) if last is None else (last.result.mu[-1], last.result.lam[-1], last.result.memory[-1])
+    result = solve_steps(problem, stage_step, carried, left, near, past)
+    if result.last.ended == SOLVED:
+        end = Advance(result.last, inside[len(result.q) - 1], problem.theta, problem.w, stage_step)
+        return end, result.q, result.v, result.lam
     # each by itself, led there
-    first = step(system, q, v, inside[0], stage_step, theta, w, guess)
+    guess = None if last is None else last.stages[-1]
+    first = step(system, q, v, inside[0, 0], stage_step, theta, w, guess)
     both: tuple[EulerStep, ...] = (first,)
-    if len(inside) > 1:
+    if inside.shape[1] > 1:
         middle = q + carried * (first.q - q), v + carried * (first.v - v)
-        both = first, step(system, *middle, inside[1], stage_step, theta, w, first)
-    return Advance(both, nothing(len(both), system.size))
+        both = first, step(system, *middle, inside[0, 1], stage_step, theta, w, first)
+    end = _joined(both)
+    return end, end.q[None], end.v[None], both[-1].lam[None]
 
 
 def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
     """Past of the previous step; for another step length its last acceleration only."""
     if last is None:
         return nothing(count, n)
-    before = last.stages[-1]
-    if before.h == h and len(last.stages) == count and len(last.past.rate):
-        return last.past
-    return nothing(count, n)._replace(rate=np.stack([np.zeros(n), (before.v - before.start[1]) / before.h]))
+    result = last.result
+    if last.h == h and len(last.u) == count and len(result.past.rate):
+        return result.past
+    rate = np.stack([np.zeros(n), (last.v - result.start_v[-1]) / last.h])
+    return nothing(count, n)._replace(rate=rate)
 
 
 def linear_step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:
@@ -347,22 +383,24 @@ def slopes(system: System, at: Advance, forced: bool = True) -> AdvanceSlopes:
 
     A = A₂ ((1 − c) 1 + c A₁),     ∂/∂p = B₂ + c A₂ B₁   of θ and w,     u(γh) = W₀ u(0) + W₁ u(h)  (`between`)
     """
-    parts = [sensitivities(system, stage) for stage in at.stages]
-    if len(parts) == 1:
-        only: Sensitivities = parts[0]
-        return AdvanceSlopes(only.A, np.zeros_like(only.B_u), only.B_u, only.B_theta, only.B_w)
-    first, second = parts
-    through = CARRIED * second.A
-    A = through @ first.A
-    A += (1 - CARRIED) * second.A
-    B_w = second.B_w + through @ first.B_w if forced else second.B_w[:, :0]
-    inside, h = through @ first.B_u, at.stages[0].h / GAMMA
+    arrays, result = compile_system(system), at.result
+    point = arrays.at(system, at.theta)._replace(q=at.q, v=at.v, h=at.h, u=at.u[-1], w=at.w)
+    elastic = np.zeros((len(at.u), system.size, 0))
+    if len(at.theta):
+        by_theta = (
+            system.stiffness_terms @ q + system.damping_terms @ v for q, v in zip(result.q, result.v, strict=True)
+        )
+        elastic = np.stack([each.T for each in by_theta])
+    regular, A, inside, end, B_theta, B_w = step_slopes(
+        arrays.arrays, arrays.pattern, point, at.u, result.start_q, result.start_v, result.q, result.motion, result.mu,
+        result.lam, result.memory, elastic, CARRIED, forced,
+    )  # fmt: skip
+    if not regular:
+        raise NumericalError("the matrix of the time step is singular")
     if system.drives.names:
-        W = between(system.drives, h, GAMMA)
-        start, end = inside @ W[0], inside @ W[1]
-    else:
-        start, end = (1 - GAMMA) * inside, GAMMA * inside
-    return AdvanceSlopes(A, start, second.B_u + end, second.B_theta + through @ first.B_theta, B_w)
+        W = between(system.drives, at.h / GAMMA, GAMMA)
+        return AdvanceSlopes(A, inside @ W[0], end + inside @ W[1], B_theta, B_w)
+    return AdvanceSlopes(A, (1 - GAMMA) * inside, end + GAMMA * inside, B_theta, B_w)
 
 
 @dataclass(frozen=True)
@@ -385,12 +423,5 @@ def sensitivities(system: System, at: EulerStep) -> Sensitivities:
     Exact at the new state, where the matrix is factorised once more: the one of Newton's last iteration belongs to the
     state before its last correction. Valid off the constraints too: x_k may be any state, x_{k+1} is on them.
     Raises NumericalError where the matrix is singular."""
-    arrays, solution = compile_system(system), TrialState(at.q, at.motion, at.mu, at.lam)
-    elastic = np.ascontiguousarray((system.stiffness_terms @ at.q + system.damping_terms @ at.v).T)
-    point = arrays.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)
-    regular, A, B_u, B_theta, B_w = step_slopes(
-        arrays.arrays, arrays.pattern, point, at.memory.copy(), solution, elastic
-    )
-    if not regular:
-        raise NumericalError("the matrix of the time step is singular")
-    return Sensitivities(A, B_u, B_theta, B_w)
+    s = slopes(system, _joined([at]))
+    return Sensitivities(s.A, s.B_end, s.B_theta, s.B_w)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError, StrainsightError, UserError
+from strainsight.multibody.bearing.balls import each_ball
 from strainsight.multibody.bearing.geometry import (
     AXIAL,
     PARAMETERS,
@@ -18,7 +19,7 @@ from strainsight.multibody.bearing.geometry import (
     groove_curvatures,
     peak_pressure,
 )
-from strainsight.multibody.bearing.ring import KEPT, each_ball, ring_law, ring_load
+from strainsight.multibody.bearing.ring import BALLS, KEPT, ring_law, ring_load
 from strainsight.multibody.bodies import Frame
 from strainsight.multibody.forces import Load, compiled_law
 from strainsight.multibody.laws import regular_friction, turned_by
@@ -320,7 +321,7 @@ class BearingLaw:
         """Address of the compiled law; 0, for a law in Python, with friction or damping."""
         if self._drag.turns or self._drag.damping.any():
             return 0
-        return int(compiled_law(ring_law, "multibody/bearing/ring.py").address)
+        return int(compiled_law(ring_law, BALLS).address)
 
     @property
     def memory(self) -> int:

@@ -1,4 +1,4 @@
-"""Loads, tangents and slopes of all balls on the rings, and the equilibrium of each ball: the inner loops."""
+"""Loads, tangents and slopes of all balls on the rings: the inner loops."""
 
 from __future__ import annotations
 
@@ -6,190 +6,23 @@ import math
 
 import numpy as np
 
-from strainsight.compiled import carray, inner, kept
+from strainsight.compiled import carray, inner, joined, kept
+from strainsight.multibody.bearing.balls import ball_centre, floors, groove_centres, potential
 
-ITERATIONS = 200
-NEAR, FALL = 3e-8, 0.1
-"""Unbalanced force, relative to all forces on a ball, from which one linear correction is exact, and its required decrease
-before."""
-LOOSE = 1e-10
-"""Approach, as a share of the ball diameter, below which a contact has no force."""
-
-
-@inner
-def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: float, out: np.ndarray) -> None:
-    """c_k (4, 2) in the axial plane of one ball; those of the inner ring have moved by  A_k (u, w, τ). A_k = [1 0 R + ρ_k; 0
-    1 −x_k];  u axial, w radial displacement [m], τ tilt about the tangent of the pitch circle [rad]."""
-    for k in range(4):
-        out[k, 0], out[k, 1] = table[k, 0], table[k, 1]
-        if k < 2:
-            out[k, 0] += u + (radius + table[k, 1]) * tau
-            out[k, 1] += w - table[k, 0] * tau
-
-
-@inner
-def pinched(table: np.ndarray, c: np.ndarray) -> tuple[float, float]:
-    """Ball centre between the two opposite grooves that are farthest apart: exact if only they touch. On their line, the
-    elongation |c_i − c_o| − L_i − L_o is divided as K_i^(−2/3) to K_o^(−2/3)."""
-    best, px, pr = -math.inf, 0.0, 0.0
-    for i in range(2):
-        for o in range(2, 4):
-            ex, er = c[i, 0] - c[o, 0], c[i, 1] - c[o, 1]
-            distance = math.sqrt(ex * ex + er * er)
-            gap = distance - table[i, 2] - table[o, 2]
-            if gap > best and distance > 0:
-                best = gap
-                part = gap / (1 + (table[i, 3] / table[o, 3]) ** (2 / 3))
-                share = (table[i, 2] + part) / distance
-                px, pr = c[i, 0] - share * ex, c[i, 1] - share * er
-    return px, pr
-
-
-@inner
-def potential(table: np.ndarray, c: np.ndarray, push: float, soft: float, px: float, pr: float) -> float:
-    """Π(p) = Σ 0.4 K_k δ_k^2.5 − F_c p_ρ + ½ ε |p|²,  δ_k = max(|p − c_k| − L_k, 0)  [J]."""
-    total = 0.5 * soft * (px * px + pr * pr) - push * pr
-    for k in range(4):
-        dx, dr = c[k, 0] - px, c[k, 1] - pr
-        approach = math.sqrt(dx * dx + dr * dr) - table[k, 2]
-        if approach > 0:
-            total += 0.4 * table[k, 3] * approach * approach * math.sqrt(approach)
-    return total
-
-
-@inner
-def contact_state(table: np.ndarray, c: np.ndarray, px: float, pr: float, state: np.ndarray) -> tuple[float, float]:
-    """Rows (Q n_x, Q n_ρ, H_xx, H_xρ, H_ρρ, √δ, n_x, n_ρ) of the four contacts, (4, 8); zero without contact.
-
-        Q = K δ^1.5,   n = (c − p)/d,   H = 1.5 K √δ n nᵀ + (Q/d)(I − n nᵀ),   d = |c − p|
-
-    Returns Σ Q [N] and what rounding of the distances makes of the forces [N]."""
-    total, rounding = 0.0, 0.0
-    for k in range(4):
-        dx, dr = c[k, 0] - px, c[k, 1] - pr
-        d = math.sqrt(dx * dx + dr * dr)
-        approach = d - table[k, 2]
-        if approach <= 0:
-            state[k, :] = 0.0
-            continue
-        root = math.sqrt(approach)
-        steep = 1.5 * table[k, 3] * root
-        Q = table[k, 3] * approach * root
-        nx, nr, across = dx / d, dr / d, Q / d
-        state[k, 0], state[k, 1] = Q * nx, Q * nr
-        state[k, 2] = (steep - across) * nx * nx + across
-        state[k, 3] = (steep - across) * nx * nr
-        state[k, 4] = (steep - across) * nr * nr + across
-        state[k, 5], state[k, 6], state[k, 7] = root, nx, nr
-        total += Q
-        rounding += steep * d
-    return total, 2.3e-16 * rounding
-
-
-@inner
-def gradient_and_hessian(
-    state: np.ndarray, push: float, soft: float, px: float, pr: float
-) -> tuple[float, float, float, float, float, int, int]:
-    """∇Π (2) and H = ∇²Π (xx, xρ, ρρ) of `potential` at p from `contact_state`; how many contacts touch, the last of them."""
-    gx, gr, a, b, e, touching, only = soft * px, soft * pr - push, soft, 0.0, soft, 0, 0
-    for k in range(4):
-        if state[k, 5] > 0:
-            touching, only = touching + 1, k
-        gx -= state[k, 0]
-        gr -= state[k, 1]
-        a += state[k, 2]
-        b += state[k, 3]
-        e += state[k, 4]
-    return gx, gr, a, b, e, touching, only
-
-
-@inner
-def ball_centre(
-    table: np.ndarray, c: np.ndarray, push: float, soft: float, loose: float, state: np.ndarray
-) -> tuple[float, float, float]:
-    """p = argmin Π(p): the equilibrium of one ball, thesis (1.18); Newton with halved steps on a convex function. push F_c,
-    loose [N], soft ε [N/m]; fills `state` (`contact_state`) at p. Returns p [m] and the force that remains unbalanced, as a
-    multiple of what is tolerated: above one the ball did not settle."""
-    px, pr = pinched(table, c)
-    reach = 0.0
-    for k in range(4):
-        reach = max(reach, math.hypot(c[k, 0] - px, c[k, 1] - pr))
-    energy = potential(table, c, push, soft, px, pr)
-    excess, before, last = math.inf, math.inf, False
-    sx = sr = 0.0
-    for _ in range(ITERATIONS):
-        total, rounding = contact_state(table, c, px, pr, state)
-        gx, gr, a, b, e, touching, only = gradient_and_hessian(state, push, soft, px, pr)
-        residual = math.hypot(gx, gr)
-        excess = residual / (1e-9 * total + 8 * rounding + loose)
-        if last and residual > before:
-            px, pr = px - sx, pr - sr
-            contact_state(table, c, px, pr, state)
-        if last or (residual <= loose and total <= loose):
-            return px, pr, min(excess, 1.0) if last else excess
-        determinant = a * e - b * b
-        sx, sr = -(e * gx - b * gr) / determinant, -(a * gr - b * gx) / determinant
-        if excess <= 1:
-            # Newton's step from here is exact to round-off, which no comparison of energies could tell
-            px, pr, last, before = px + sx, pr + sr, True, residual
-            continue
-        if push == 0 and touching == 1:
-            # nothing holds the ball against one groove: Newton would follow the groove for ever
-            clear = 1.001 * state[only, 5] ** 2
-            sx, sr = clear * state[only, 6], clear * state[only, 7]
-        length = math.hypot(sx, sr)
-        step = min(1.0, reach / length)
-        slope = gx * sx + gr * sr
-        # what rounding of the distances makes of the energy
-        slack = 1e-15 * reach * total
-        for _ in range(60):
-            new = potential(table, c, push, soft, px + step * sx, pr + step * sr)
-            if new <= energy + 1e-4 * step * slope + slack:
-                break
-            step *= 0.5
-        px, pr, energy = px + step * sx, pr + step * sr, new
-    return px, pr, excess
-
-
-@inner
-def followed(
-    table: np.ndarray, c: np.ndarray, push: float, soft: float, loose: float, px: float, pr: float, state: np.ndarray
-) -> tuple[bool, float, float]:
-    """Full Newton steps from p near the equilibrium of a ball held by two grooves: whether they converged, and p; fills `state`.
-    A last correction is applied to the forces to first order."""
-    before = math.inf
-    for _ in range(4):
-        total, rounding = contact_state(table, c, px, pr, state)
-        gx, gr, a, b, e, touching, _ = gradient_and_hessian(state, push, soft, px, pr)
-        residual = math.hypot(gx, gr)
-        if touching < 2 or not residual < FALL * before or total <= 1e3 * loose:
-            return False, px, pr
-        determinant = a * e - b * b
-        sx, sr = -(e * gx - b * gr) / determinant, -(a * gr - b * gx) / determinant
-        px, pr = px + sx, pr + sr
-        if residual <= NEAR * total + 8 * rounding + loose:
-            for k in range(4):
-                if state[k, 5] > 0:
-                    state[k, 0] -= state[k, 2] * sx + state[k, 3] * sr
-                    state[k, 1] -= state[k, 3] * sx + state[k, 4] * sr
-            return True, px, pr
-        before = residual
-    return False, px, pr
-
-
-@inner
-def floors(table: np.ndarray, ball: float) -> tuple[float, float]:
-    """Regularisation ε [N/m] of a ball without contact, and the negligible force [N]: far below all relevant values."""
-    constant = np.max(table[:, 3])
-    return 1e-16 * constant * math.sqrt(ball), constant * (LOOSE * ball) ** 1.5
-
-
+NEAR, ROUNDS = 3e-8, 3
+"""Unbalanced force, relative to all forces on a ball, from which one linear correction is exact; most corrections of a ball that
+is tracked from another displacement of the ring."""
+LANES = 16
+"""Balls that are evaluated together, by vector instructions."""
+BALLS = "multibody/bearing/balls.py"
 KEPT = 8
 """Values stored by `ring_law` for a ball: its centre, and its slope with the ring. Six precede them: whether they exist, and the
 displacement."""
+STATE, CENTRE, SLOPE, LOAD, STIFF, ROWS = 0, 32, 34, 40, 43, 49
+"""First rows of the work array of LANES balls: `contact_state` (32), p (2), X (6), load (3) and stiffness (6) in u, w, τ."""
 
 
-@kept()
+@kept(BALLS)
 def ring_load(
     table: np.ndarray,
     centrifugal: np.ndarray,
@@ -216,77 +49,62 @@ def ring_load(
     work, and the energy is not computed. Returns the energy [J], the ball that did not settle (−1: none), and its excess as in
     `ball_centre`."""
     soft, loose = floors(table, ball)
+    push, z = centrifugal[0], len(turns)
     c, state = np.empty((4, 2)), np.empty((4, 8))
-    A, S, X, Y = np.zeros((2, 2, 3)), np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
-    stiff, f, G, v = np.empty((3, 3)), np.empty(3), np.empty((3, 6)), np.empty((2, 6))
+    A, X, G, v = np.zeros((2, 2, 3)), np.empty((2, 3)), np.empty((3, 6)), np.empty((2, 6))
+    W, sums = np.empty((ROWS, LANES)), np.zeros((20, LANES))
+    angle, settled = np.empty((2, LANES)), np.empty(LANES)
     for k in range(2):
         A[k, 0, 0] = A[k, 1, 1] = 1.0
         A[k, 0, 2], A[k, 1, 2] = radius + table[k, 1], -table[k, 0]
     energy, keeps = 0.0, len(memory) > 0
     following = keeps and memory[0] == 1.0
-    du = d1 = d2 = d3 = d4 = 0.0
-    if following:
-        du, d1, d2, d3, d4 = q[0] - memory[1], q[1] - memory[2], q[2] - memory[3], q[3] - memory[4], q[4] - memory[5]
-    for i in range(len(turns)):
-        cos, sin = turns[i, 0], turns[i, 1]
-        tau, at = sin * q[3] - cos * q[4], 6 + KEPT * i
-        groove_centres(table, radius, q[0], cos * q[1] + sin * q[2], tau, c)
-        settled, px, pr = False, 0.0, 0.0
+    if keeps:
+        memory[0] = 0.0
+    for begin in range(0, z, LANES):
+        n = min(LANES, z - begin)
+        for i in range(n):
+            angle[0, i], angle[1, i], settled[i] = turns[begin + i, 0], turns[begin + i, 1], 0.0
         if following:
-            dw, dt = cos * d1 + sin * d2, sin * d3 - cos * d4
-            px = memory[at] + memory[at + 2] * du + memory[at + 3] * dw + memory[at + 4] * dt
-            pr = memory[at + 1] + memory[at + 5] * du + memory[at + 6] * dw + memory[at + 7] * dt
-            settled, px, pr = followed(table, c, centrifugal[0], soft, loose, px, pr, state)
-        if not settled:
-            px, pr, excess = ball_centre(table, c, centrifugal[0], soft, loose, state)
-            if not excess <= 1:
-                if keeps:
-                    memory[0] = 0.0
-                return energy, i, excess
-        if not keeps:
-            energy += potential(table, c, centrifugal[0], soft, px, pr)
-        hxx = soft + state[0, 2] + state[1, 2] + state[2, 2] + state[3, 2]
-        hxr = state[0, 3] + state[1, 3] + state[2, 3] + state[3, 3]
-        hrr = soft + state[0, 4] + state[1, 4] + state[2, 4] + state[3, 4]
-        determinant = hxx * hrr - hxr * hxr
-        f[:] = 0.0
-        S[:] = 0.0
-        for k in range(2):
-            f[0] += state[k, 0]
-            f[1] += state[k, 1]
-            f[2] += A[k, 0, 2] * state[k, 0] + A[k, 1, 2] * state[k, 1]
-            for m in range(3):
-                S[0, m] += state[k, 2] * A[k, 0, m] + state[k, 3] * A[k, 1, m]
-                S[1, m] += state[k, 3] * A[k, 0, m] + state[k, 4] * A[k, 1, m]
-        for m in range(3):
-            X[0, m] = (hrr * S[0, m] - hxr * S[1, m]) / determinant
-            X[1, m] = (hxx * S[1, m] - hxr * S[0, m]) / determinant
+            predict(memory, z, begin, n, q, angle, W)
+        rounds, good = ROUNDS if following else 0, 0
+        while good < n:
+            if rounds == 0:
+                # not tracked, or lost
+                for i in range(n):
+                    if settled[i] < 1.0:
+                        cos, sin = angle[0, i], angle[1, i]
+                        tau = sin * q[3] - cos * q[4]
+                        groove_centres(table, radius, q[0], cos * q[1] + sin * q[2], tau, c)
+                        px, pr, excess = ball_centre(table, c, push, soft, loose, state)
+                        if not excess <= 1:
+                            return energy, begin + i, excess
+                        if not keeps:
+                            energy += potential(table, c, push, soft, px, pr)
+                        W[CENTRE, i], W[CENTRE + 1, i], settled[i] = px, pr, 2.0
+            good, tracked = evaluate_contacts(table, radius, q, angle, push, soft, loose, n, settled, W)
+            rounds = rounds - 1 if tracked > 0 else 0
+        evaluate_stiffness(A, soft, n, W)
+        add_balls(angle, n, W, sums)
         if keeps:
-            memory[at], memory[at + 1] = px, pr
+            for j in range(KEPT):
+                for i in range(n):
+                    memory[6 + j * z + begin + i] = W[CENTRE + j, i]
+        for i in range(n if with_slopes else 0):
+            for k in range(4):
+                for j in range(8):
+                    state[k, j] = W[8 * k + j, i]
             for m in range(3):
-                memory[at + 2 + m], memory[at + 5 + m] = X[0, m], X[1, m]
-        stiff[:] = 0.0
-        for k in range(2):
-            for m in range(3):
-                Y[0, m], Y[1, m] = A[k, 0, m] - X[0, m], A[k, 1, m] - X[1, m]
-            _add_form(state[k, 2], state[k, 3], state[k, 4], Y, stiff)
-        _add_form(
-            soft + state[2, 2] + state[3, 2], state[2, 3] + state[3, 3], soft + state[2, 4] + state[3, 4], X, stiff
-        )
-        force[0] += f[0]
-        force[1] += cos * f[1]
-        force[2] += sin * f[1]
-        force[3] += sin * f[2]
-        force[4] -= cos * f[2]
-        _add_tangent(stiff, cos, sin, tangent)
-        if with_slopes:
-            ball_slopes(table, centrifugal[1], tau, A, state, X, G, v)
+                X[0, m], X[1, m] = W[SLOPE + m, i], W[SLOPE + 3 + m, i]
+            cos, sin = angle[0, i], angle[1, i]
+            ball_slopes(table, centrifugal[1], sin * q[3] - cos * q[4], A, state, X, G, v)
             for j in range(6):
                 slopes[0, j] += G[0, j]
                 slopes[1, j] += cos * G[1, j]
                 slopes[2, j] += sin * G[1, j]
                 slopes[3, j] += sin * G[2, j]
                 slopes[4, j] -= cos * G[2, j]
+    add_lanes(sums, force, tangent)
     if keeps:
         memory[0] = 1.0
         for m in range(5):
@@ -294,26 +112,144 @@ def ring_load(
     return energy, -1, 0.0
 
 
-@inner
-def _add_form(xx: float, xr: float, rr: float, Y: np.ndarray, stiff: np.ndarray) -> None:
-    """stiff (3, 3) += Yᵀ [xx xr; xr rr] Y."""
-    for m in range(3):
-        left, right = xx * Y[0, m] + xr * Y[1, m], xr * Y[0, m] + rr * Y[1, m]
-        for n in range(m, 3):
-            stiff[m, n] += left * Y[0, n] + right * Y[1, n]
-            stiff[n, m] = stiff[m, n]
+@joined
+def predict(memory: np.ndarray, z: int, begin: int, n: int, q: np.ndarray, angle: np.ndarray, W: np.ndarray) -> None:
+    """p of n balls from where they were, p + X Δ(u, w, τ)."""
+    du, d1, d2, d3, d4 = q[0] - memory[1], q[1] - memory[2], q[2] - memory[3], q[3] - memory[4], q[4] - memory[5]
+    for a in range(2):
+        at, by = 6 + a * z + begin, 6 + (2 + 3 * a) * z + begin
+        for i in range(n):
+            dw, dt = angle[0, i] * d1 + angle[1, i] * d2, angle[1, i] * d3 - angle[0, i] * d4
+            W[CENTRE + a, i] = (
+                memory[at + i] + memory[by + i] * du + memory[by + z + i] * dw + memory[by + 2 * z + i] * dt
+            )
 
 
-@inner
-def _add_tangent(stiff: np.ndarray, cos: float, sin: float, tangent: np.ndarray) -> None:
-    """tangent += Bᵀ stiff B,  B = [1 0 0 0 0; 0 cos sin 0 0; 0 0 0 sin −cos]."""
-    row = (0, 1, 1, 2, 2)
-    factor = (1.0, cos, sin, sin, -cos)
+@joined
+def evaluate_contacts(
+    table: np.ndarray, radius: float, q: np.ndarray, angle: np.ndarray, push: float, soft: float, loose: float, n: int,
+    settled: np.ndarray, W: np.ndarray,
+) -> tuple[int, int]:  # fmt: skip
+    """`contact_state` of n balls at p, and a Newton step of p unless settled = 2, which is applied to the forces to first order.
+    Returns how many are in equilibrium (settled ≥ 1: held by two grooves, small step), and how many still move (0; −1: loose)."""
+    for k in range(4):
+        x, rho, length, stiff, first = table[k, 0], table[k, 1], table[k, 2], table[k, 3], 8 * k
+        moves = 1.0 if k < 2 else 0.0
+        for i in range(n):
+            w, tau = angle[0, i] * q[1] + angle[1, i] * q[2], angle[1, i] * q[3] - angle[0, i] * q[4]
+            dx = x + moves * (q[0] + (radius + rho) * tau) - W[CENTRE, i]
+            dr = rho + moves * (w - x * tau) - W[CENTRE + 1, i]
+            d = math.sqrt(dx * dx + dr * dr)
+            approach = d - length if d > length else 0.0
+            root, per = math.sqrt(approach), 1.0 / d
+            steep, Q = 1.5 * stiff * root, stiff * approach * root
+            nx, nr, across = dx * per, dr * per, Q * per
+            W[first, i], W[first + 1, i] = Q * nx, Q * nr
+            W[first + 2, i] = (steep - across) * nx * nx + across
+            W[first + 3, i] = (steep - across) * nx * nr
+            W[first + 4, i] = (steep - across) * nr * nr + across
+            W[first + 5, i], W[first + 6, i], W[first + 7, i] = root, nx, nr
+    for i in range(n):
+        gx, gr = soft * W[CENTRE, i] - W[0, i] - W[8, i] - W[16, i] - W[24, i], soft * W[CENTRE + 1, i] - push
+        gr = gr - W[1, i] - W[9, i] - W[17, i] - W[25, i]
+        a = soft + W[2, i] + W[10, i] + W[18, i] + W[26, i]
+        b = W[3, i] + W[11, i] + W[19, i] + W[27, i]
+        e = soft + W[4, i] + W[12, i] + W[20, i] + W[28, i]
+        total, rounding, touching = 0.0, 0.0, 0.0
+        for k in range(4):
+            Q = W[8 * k, i] * W[8 * k + 6, i] + W[8 * k + 1, i] * W[8 * k + 7, i]
+            root = W[8 * k + 5, i]
+            total += Q
+            rounding += 2.3e-16 * 1.5 * table[k, 3] * root * (table[k, 2] + root * root)
+            touching += 1.0 if root > 0.0 else 0.0
+        tolerance = NEAR * total + 8 * rounding + loose
+        now = 1.0 if gx * gx + gr * gr <= tolerance * tolerance else 0.0
+        now = now if touching >= 2.0 and total > 1e3 * loose else -1.0
+        share = (0.0 if settled[i] == 2.0 else 1.0) / (a * e - b * b)
+        sx, sr = -share * (e * gx - b * gr), -share * (a * gr - b * gx)
+        W[CENTRE, i] += sx
+        W[CENTRE + 1, i] += sr
+        settled[i] = settled[i] if settled[i] >= 1.0 else now
+        for k in range(2):
+            W[8 * k, i] -= W[8 * k + 2, i] * sx + W[8 * k + 3, i] * sr
+            W[8 * k + 1, i] -= W[8 * k + 3, i] * sx + W[8 * k + 4, i] * sr
+    good = tracked = 0
+    for i in range(n):
+        good += 1 if settled[i] >= 1.0 else 0
+        tracked += 1 if settled[i] == 0.0 else 0
+    return good, tracked
+
+
+@joined
+def evaluate_stiffness(A: np.ndarray, soft: float, n: int, W: np.ndarray) -> None:
+    """X, load and stiffness of n balls in (u, w, τ) from the state of their contacts."""
+    a0, b0, a1, b1 = A[0, 0, 2], A[0, 1, 2], A[1, 0, 2], A[1, 1, 2]
+    for i in range(n):
+        xx, xr, rr = W[2, i] + W[10, i], W[3, i] + W[11, i], W[4, i] + W[12, i]
+        ox, oxr, orr = soft + W[18, i] + W[26, i], W[19, i] + W[27, i], soft + W[20, i] + W[28, i]
+        hxx, hxr, hrr = xx + ox, xr + oxr, rr + orr
+        per = 1.0 / (hxx * hrr - hxr * hxr)
+        sx = W[2, i] * a0 + W[3, i] * b0 + W[10, i] * a1 + W[11, i] * b1
+        sr = W[3, i] * a0 + W[4, i] * b0 + W[11, i] * a1 + W[12, i] * b1
+        W[SLOPE, i], W[SLOPE + 3, i] = per * (hrr * xx - hxr * xr), per * (hxx * xr - hxr * xx)
+        W[SLOPE + 1, i], W[SLOPE + 4, i] = per * (hrr * xr - hxr * rr), per * (hxx * rr - hxr * xr)
+        W[SLOPE + 2, i], W[SLOPE + 5, i] = per * (hrr * sx - hxr * sr), per * (hxx * sr - hxr * sx)
+        W[LOAD, i], W[LOAD + 1, i] = W[0, i] + W[8, i], W[1, i] + W[9, i]
+        W[LOAD + 2, i] = a0 * W[0, i] + b0 * W[1, i] + a1 * W[8, i] + b1 * W[9, i]
+    for row in range(3):
+        for column in range(row, 3):
+            at = STIFF + row * (5 - row) // 2 + column
+            for i in range(n):
+                W[at, i] = 0.0
+            for k in range(3):
+                for i in range(n):
+                    # of T_k − X for the inner contacts, of X for both outer ones
+                    x0, x1 = W[SLOPE + row, i], W[SLOPE + 3 + row, i]
+                    y0, y1 = W[SLOPE + column, i], W[SLOPE + 3 + column, i]
+                    if k < 2:
+                        h0, h1, h2 = W[8 * k + 2, i], W[8 * k + 3, i], W[8 * k + 4, i]
+                        x0, x1, y0, y1 = (
+                            A[k, 0, row] - x0,
+                            A[k, 1, row] - x1,
+                            A[k, 0, column] - y0,
+                            A[k, 1, column] - y1,
+                        )
+                    else:
+                        h0, h1, h2 = soft + W[18, i] + W[26, i], W[19, i] + W[27, i], soft + W[20, i] + W[28, i]
+                    W[at, i] += (h0 * x0 + h1 * x1) * y0 + (h1 * x0 + h2 * x1) * y1
+
+
+@joined
+def add_balls(angle: np.ndarray, n: int, W: np.ndarray, sums: np.ndarray) -> None:
+    """Of every lane, load and upper triangle of the tangent:  sums[:5] += Bᵀ load,  sums[5:] += Bᵀ stiffness B,
+    B = [1 0 0 0 0; 0 cos sin 0 0; 0 0 0 sin −cos]."""
+    B, row, to = np.empty((5, LANES)), (0, 1, 1, 2, 2), 5
+    for i in range(n):
+        cos, sin = angle[0, i], angle[1, i]
+        B[0, i], B[1, i], B[2, i], B[3, i], B[4, i] = 1.0, cos, sin, sin, -cos
     for m in range(5):
-        for n in range(m, 5):
-            tangent[m, n] += factor[m] * factor[n] * stiff[row[m], row[n]]
-            if m != n:
-                tangent[n, m] = tangent[m, n]
+        at = row[m]
+        for i in range(n):
+            sums[m, i] += B[m, i] * W[LOAD + at, i]
+        for o in range(m, 5):
+            on = STIFF + at * (5 - at) // 2 + row[o]
+            for i in range(n):
+                sums[to, i] += B[m, i] * B[o, i] * W[on, i]
+            to += 1
+
+
+@joined
+def add_lanes(sums: np.ndarray, force: np.ndarray, tangent: np.ndarray) -> None:
+    """force (5,) and tangent (5, 5) += `sums` of all lanes."""
+    to = 5
+    for m in range(5):
+        for i in range(LANES):
+            force[m] += sums[m, i]
+        for o in range(m, 5):
+            for i in range(LANES):
+                tangent[m, o] += sums[to, i]
+            tangent[o, m] = tangent[m, o]
+            to += 1
 
 
 @inner
@@ -361,30 +297,6 @@ def ball_slopes(
     for m in range(3):
         for j in range(6):
             G[m, j] -= X[0, m] * v[0, j] + X[1, m] * v[1, j]
-
-
-@kept()
-def each_ball(
-    table: np.ndarray, push: float, radius: float, ball: float, stations: np.ndarray, q: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int, float]:
-    """Centres p (z, 2) and vectors c_k − p (z, 4, 2) [m] of all balls; then the ball without equilibrium, and its unbalanced
-    force."""
-    soft, loose = floors(table, ball)
-    centre, arm, c, state = (
-        np.empty((len(stations), 2)),
-        np.empty((len(stations), 4, 2)),
-        np.empty((4, 2)),
-        np.empty((4, 8)),
-    )
-    for i in range(len(stations)):
-        cos, sin = math.cos(stations[i]), math.sin(stations[i])
-        groove_centres(table, radius, q[0], cos * q[1] + sin * q[2], sin * q[3] - cos * q[4], c)
-        centre[i, 0], centre[i, 1], excess = ball_centre(table, c, push, soft, loose, state)
-        if not excess <= 1:
-            return centre, arm, i, excess
-        for k in range(4):
-            arm[i, k, 0], arm[i, k, 1] = c[k, 0] - centre[i, 0], c[k, 1] - centre[i, 1]
-    return centre, arm, -1, 0.0
 
 
 def ring_law(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]

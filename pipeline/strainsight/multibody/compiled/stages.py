@@ -55,8 +55,49 @@ def nothing(stages: int, n: int) -> Past:
     )  # fmt: skip
 
 
+class Steps(NamedTuple):
+    """Solved steps: q, v (T, n), λ (T, m) at their ends, and the stages of the last one; of an unsolved first step its stages."""
+
+    q: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+    last: Stages
+
+
 @kept(*FILES, "multibody/compiled/newton.py")
 def solve_stages(
+    s: Arrays,
+    pattern: Sparsity,
+    p: StepPoint,
+    u: np.ndarray,
+    carried: float,
+    memory: np.ndarray,
+    mu: np.ndarray,
+    lam: np.ndarray,
+    near: np.ndarray,
+    past: Past,
+) -> Steps:
+    """Steps from p.q, p.v under u (T, k, nu), of k stages each (`_solve_step`), up to the first one that is not solved. near:
+    where the iteration of the last stage of each starts."""
+    q, v, lams = np.empty((len(u), len(p.q))), np.empty((len(u), len(p.q))), np.empty((len(u), len(lam)))
+    done, at, end = 0, p, u.shape[1] - 1
+    for k in range(len(u)):
+        stages = _solve_step(s, pattern, at, u[k], carried, memory, mu, lam, near, past)
+        if k == 0 or stages.ended == SOLVED:
+            last = stages
+        if stages.ended != SOLVED:
+            break
+        past, memory, mu, lam = stages.past, stages.memory[end], stages.mu[end], stages.lam[end]
+        copy(stages.q[end], q[k])
+        copy(stages.v[end], v[k])
+        copy(lam, lams[k])
+        at = StepPoint(q[k], v[k], p.h, p.u, p.theta, p.K, p.C, p.w, p.address, p.begin, p.numbers)
+        done += 1
+    return Steps(q[:done], v[:done], lams[:done], last)
+
+
+@inner
+def _solve_step(
     s: Arrays,
     pattern: Sparsity,
     p: StepPoint,
@@ -175,12 +216,59 @@ def store_differences(differences: np.ndarray, known: int, change: np.ndarray) -
 
 @kept(*FILES)
 def step_slopes(
-    s: Arrays, pattern: Sparsity, p: StepPoint, memory: np.ndarray, solved: TrialState, elastic: np.ndarray
-) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Whether the matrix is regular; A (2n, 2n), B_u (2n, all of u), B_θ (2n, nθ), B_w (2n, n) at the solved step;
-    elastic (n, nθ) = ∂(Kq + Cv)/∂θ.
+    s: Arrays,
+    pattern: Sparsity,
+    p: StepPoint,
+    u: np.ndarray,
+    starts: np.ndarray,
+    starts_v: np.ndarray,
+    q: np.ndarray,
+    motion: np.ndarray,
+    mu: np.ndarray,
+    lam: np.ndarray,
+    memory: np.ndarray,
+    elastic: np.ndarray,
+    carried: float,
+    forced: bool,
+) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Whether the matrices are regular; of solved stages (k, …) under u (k, width), with those of each by itself Aᵢ, Bᵢ,
 
-        δq = T y,   δv = T ζ + ω × (ε × R),    (y, ζ) = Z⁻¹(TᵀD²/h δq_k,  TᵀM/h δv_k − ∂r₂/∂u δu − ∂r₂/∂θ δθ + Tᵀδw)
+        A (2n, 2n),   ∂/∂p = Bᵢ + Xᵢ ∂/∂p  of θ, and w (2n, n) if forced,   X = carried Aᵢ,   A ← X A + (1 − carried) Aᵢ
+
+    and by u (2n, width) of the stages before the last one, and of the last one; elastic (k, n, nθ) = ∂(Kq + Cv)/∂θ."""
+    n = q.shape[1]
+    by_all, by_theta, by_w = np.eye(2 * n), np.zeros((2 * n, elastic.shape[2])), np.zeros((2 * n, n if forced else 0))
+    inside, by_u, regular = np.zeros((2 * n, u.shape[1])), np.zeros((2 * n, u.shape[1])), True
+    for i in range(len(q)):
+        at = StepPoint(
+            starts[i], starts_v[i], p.h, u[i], p.theta, p.K, p.C, p.w, p.address, p.begin, p.numbers
+        )  # fmt: skip
+        solved = TrialState(q[i], motion[i], mu[i], lam[i])
+        fine, A, B_u, B_theta, B_w = _stage_slopes(s, pattern, at, memory[i].copy(), solved, elastic[i], forced)
+        regular = regular and fine
+        if i == 0:
+            by_all, by_theta, by_w, by_u = A, B_theta, B_w, B_u
+            continue
+        through = carried * A
+        by_all = through @ by_all + (1.0 - carried) * A
+        inside, by_u = through @ (inside + by_u), B_u
+        by_theta, by_w = through @ by_theta + B_theta, through @ by_w + B_w
+    return regular, by_all, inside, by_u, by_theta, by_w
+
+
+@inner
+def _stage_slopes(
+    s: Arrays,
+    pattern: Sparsity,
+    p: StepPoint,
+    memory: np.ndarray,
+    solved: TrialState,
+    elastic: np.ndarray,
+    forced: bool,
+) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Whether the matrix is regular; A (2n, 2n), B_u (2n, all of u), B_θ (2n, nθ), B_w (2n, n) at the solved stage:
+
+    δq = T y,   δv = T ζ + ω × (ε × R),    (y, ζ) = Z⁻¹(TᵀD²/h δq_k,  TᵀM/h δv_k − ∂r₂/∂u δu − ∂r₂/∂θ δθ + Tᵀδw)
     """
     q, z, mu, lam = solved
     n, nt, m, h, nd, count = len(q), len(s.dt), s.joints, p.h, s.drives, len(p.theta)
@@ -209,9 +297,10 @@ def step_slopes(
     y, zeta, _, _ = expand_step(pattern, h, terms.X, J, S, rows, right)
     whole = natural_rows(s.body, q, z, y, zeta)
     first, second = whole[:, :nt], whole[:, nt : 2 * nt]
-    by_all, by_w = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
+    by_all, by_w = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n if forced else 0))
     _times_columns(s.body, q, first, s.d**2 / h, by_all)
-    _times_columns(s.body, q, second, np.ones(n), by_w)
+    if forced:
+        _times_columns(s.body, q, second, np.ones(n), by_w)
     for k in range(len(s.body)):
         moving, n0, t0, modes, width = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3], s.body[k, 5]
         size = 12 * moving + modes
