@@ -74,7 +74,7 @@ def explain_record(
 
     p(T y): everything integrated out; innovations are those at the most likely parameters. Offset and drift are an additional
     considered parameter of σ BROAD times the RMS of the channel. A dead channel has the density of a constant and white
-    noise. least: evidence up to which the fault is of no interest; its innovations are not computed, and their ratio is
+    noise. least: evidence up to which a fault does not matter; its innovations are not computed, and their ratio is
     infinite."""
     corrected, change, unit = record, 0.0, 0.0
     if fault is not None and fault.of_model:
