@@ -17,8 +17,8 @@ MOST = 2
 NODES = 12
 """Nodes along each parameter."""
 TURN = 0.25
-"""Most radians by which the phase of the fastest mode in a step differs within a cell about the guess, up to four times that
-elsewhere and for a thickness: the error 2 (4 TURN/2/INSIDE/2)^NODES / NODES! is then still below rounding."""
+"""Most radians by which the phase of the fastest mode differs within a cell about the guess. Elsewhere, and for a thickness, it
+differs by up to four times that. The error 2 (TURN/INSIDE)^NODES / NODES! is then below rounding."""
 WIDEST = 0.25
 """Widest cell in ln θ: other functions than the phase are as smooth."""
 INSIDE = 0.9
