@@ -88,6 +88,19 @@ def test_evidence_is_the_density_of_the_record_as_it_would_be_without_the_fault(
     assert alone == pytest.approx(dense(own, P) + iid, rel=1e-9)
 
 
+def test_unlikely_fault_has_its_evidence_without_innovations(short):
+    model, P, y = short
+    record, fault = suspect(model, P, forces(), y), Fault("sign", 1)
+    own = y * [1, -1]
+    unlikely, run = explain_record(record, fault, least=explain_record(record, None)[0].evidence)
+    assert run is None
+    assert unlikely.ratio == np.inf
+    assert unlikely.evidence == pytest.approx(dense(own, P), rel=1e-9)
+    likely, exact = explain_record(record, fault, least=unlikely.evidence - 1)[0], explain_record(record, fault)[0]
+    assert (likely.fault, likely.ratio, likely.point) == (exact.fault, exact.ratio, exact.point)
+    assert likely.evidence == pytest.approx(exact.evidence, rel=1e-12)
+
+
 @pytest.mark.parametrize("kind", ["offset", "drift"])
 def test_an_offset_and_a_drift_are_those_of_generalised_least_squares(short, kind):
     """One column e of size N(0, u²): b̂ = u² eᵀC⁻¹r/(1 + u² eᵀC⁻¹e), by the dense covariance of the whole record."""

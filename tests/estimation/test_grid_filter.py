@@ -154,6 +154,9 @@ def test_removed_covariance_is_one_minus_remaining():
     grown = axes @ (left[..., None] * axes.swapaxes(1, 2))
     exact = axes @ ((1 - np.minimum(left, 1.0))[..., None] * axes.swapaxes(1, 2))
     np.testing.assert_allclose(removed_of(grown), exact, rtol=0, atol=1e-14)
+    many = np.concatenate([*[small] * 20, grown, *[small] * 30])
+    expected = np.stack([removed_of(each) for each in many])
+    np.testing.assert_allclose(removed_of(many), expected, rtol=0, atol=1e-14)
 
 
 def test_unlearned_motion_contains_full_constant_error():

@@ -243,21 +243,25 @@ def predict_grid_std(
         noise = configured
     ahead = considers(model, considered)
     state_errors = _Errors(errors.P, errors.V, errors.parts) if ahead or free_loads else None
+    # no filter for constants that the samples do not estimate
+    estimates = followed.any or state_errors is None
     claimed = _Claimed(model.size, len(u) + 1, source, followed)
     claimed.after(0, errors)
     for k, step in enumerate(steps_along(model, trajectory, u, considered, B), start=1):
         A, pushed = step.A[:n, :n], np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
-        errors.predict(A, *noise, pushed)
-        followed.predict(A)
+        if estimates:
+            errors.predict(A, *noise, pushed)
+            followed.predict(A)
         if state_errors is not None:
             state_errors.predict(A, *configured, pushed)
         if step.sampled:
             H, R = step.H[..., :n], step.variance
-            K, L = gain(errors.P, H, R, step.instant)
             read = np.broadcast_to(transpose(step.H[..., n:]), (B, c - d, H.shape[-2]))
             read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
-            followed.update(errors.parts, K[0], L, H[0], by_sensors(R), errors.slope(H, read))
-            errors.update(K, H, R, read)
+            if estimates:
+                K, L = gain(errors.P, H, R, step.instant)
+                followed.update(errors.parts, K[0], L, H[0], by_sensors(R), errors.slope(H, read))
+                errors.update(K, H, R, read)
             if state_errors is not None:
                 first = slice(d if ahead else 0)
                 slope = transpose(state_errors.slope(H, read)[:, first])

@@ -65,14 +65,17 @@ class ShiftedMode:
     size: float
 
 
-def explain_record(record: CheckRecord, fault: Fault | None) -> tuple[Explained, GridRun | None]:
+def explain_record(
+    record: CheckRecord, fault: Fault | None, least: float = -np.inf
+) -> tuple[Explained, GridRun | None]:
     """Evidence of a record (T, m) under a fault, and the run of the grid filter, None if it fails:
 
         ln p(y | fault) = ln p(T y) + ln |det T|,    y in units of the noise of a sample
 
     p(T y): everything integrated out; innovations are those at the most likely parameters. Offset and drift are an additional
     considered parameter of σ BROAD times the RMS of the channel. A dead channel has the density of a constant and white
-    noise."""
+    noise. least: evidence up to which a fault does not matter; its innovations are not computed, and their ratio is
+    infinite."""
     corrected, change, unit = record, 0.0, 0.0
     if fault is not None and fault.of_model:
         corrected = apply_model_error(record, fault, record.begin / (record.begin + len(record.samples)))
@@ -96,27 +99,33 @@ def explain_record(record: CheckRecord, fault: Fault | None) -> tuple[Explained,
     if fault is not None and fault.kind == "dead":
         change += dead_density(record.samples[:, fault.channel], record.noise[fault.channel])
         missing[fault.channel] = 0
+    change += float(measured.sum(axis=0) @ np.log(record.noise)) + FORESEEN * float(missing.sum())
+    amount, std = 0.0 if fault is None else fault.amount, 0.0
+    none = Explained(fault, -np.inf, np.inf), None
     try:
         # parameters explain frequencies that are off, and are no result here
         tuned = bool(corrected.model.unknowns.parameters)
         exact = replace(considered, frequency=0 * considered.frequency) if tuned else considered
-        peak = find_peak(replace(corrected, considered=exact))
-        if peak.evidence < IMPOSSIBLE:
-            return Explained(fault, -np.inf, np.inf), None
-        if peak.about is not None:
-            considered = replace(considered, about=peak.about)
-        grid_run = filter_on_grid(replace(corrected, considered=considered).known_at(peak.point))
+        point, density = np.zeros(0), None
+        if tuned or least > -np.inf:
+            peak = find_peak(replace(corrected, considered=exact))
+            point, density = peak.point, peak.evidence
+            if density < IMPOSSIBLE:
+                return none
+            if density + change <= least:
+                return Explained(fault, density + change, np.inf, amount, point=tuple(point)), None
+            if peak.about is not None:
+                considered = replace(considered, about=peak.about)
+        grid_run = filter_on_grid(replace(corrected, considered=considered).known_at(point), "readings")
     except NumericalError:
-        return Explained(fault, -np.inf, np.inf), None
-    evidence = peak.evidence + change + float(measured.sum(axis=0) @ np.log(record.noise))
-    evidence += FORESEEN * float(missing.sum())
-    amount, std = 0.0 if fault is None else fault.amount, 0.0
+        return none
+    evidence = change + (float(grid_run.run.log_likelihood[0]) if density is None else density)
+    if not evidence >= IMPOSSIBLE:
+        return none
     if unit:
         nu, left = grid_run.nu_moments
         amount, std = unit * float(nu[-1]), unit * float(np.sqrt(left[-1, -1]))
-    return Explained(
-        fault, evidence, innovation_ratio(grid_run, _steps(record)), amount, std, tuple(peak.point)
-    ), grid_run
+    return Explained(fault, evidence, innovation_ratio(grid_run, _steps(record)), amount, std, tuple(point)), grid_run
 
 
 def _steps(record: CheckRecord) -> slice:

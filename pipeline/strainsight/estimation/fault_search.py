@@ -132,14 +132,15 @@ def search_faults(
     """Try all faults of known loads and channels on a record; first: the result without a fault. Load faults are ranked by
     filters without tolerances (`load_faults`). Faults of a channel without which the innovations are plausible are ranked by
     the prediction of the other channels (`approximate_density`). The best are evaluated with all tolerances
-    (`explain_record`), as are swaps of the worst channels. A load fault that affects FEWEST channels is not a channel fault.
-    Without more channels than unknown loads no fault is named."""
+    (`explain_record`), as are swaps of the worst channels. Innovations are computed only of faults that are more likely than
+    none. A load fault that affects FEWEST channels is not a channel fault. Without more channels than unknown loads no fault is
+    named."""
     m = record.samples.shape[1]
     as_it_is, grid_run = explain_record(record, None) if first is None else first
     tried: list[Explained] = []
     innovations: Innovations | None = None
     if m > len(record.model.unknowns.inputs):
-        tried, innovations = _try_load_faults(record)
+        tried, innovations = _try_load_faults(record, as_it_is.evidence)
     named, candidates = choose_fault(as_it_is.evidence, tried)
     if grid_run is not None and innovations is not None and _is_load_fault_only(innovations, candidates):
         check = _check_ahead(record, grid_run)
@@ -163,13 +164,13 @@ def search_faults(
     pairs = ((i, j) for i, j in combinations(worst, 2) if quantity is None or quantity[i] == quantity[j])
     wanted += [Fault("swapped", i, j) for i, j in pairs]
     for k, fault in enumerate(wanted):
-        tried.append(explain_record(record, fault)[0])
+        tried.append(explain_record(record, fault, as_it_is.evidence)[0])
         progress(0.4 + 0.6 * (k + 1) / len(wanted))
-    tried += _extend_delays(record, wanted, tried)
+    tried += _extend_delays(record, wanted, tried, as_it_is.evidence)
     scaled, (reference, run) = _with_likely_intensity(record, (as_it_is, grid_run))
     if scaled is not record:
         best = sorted(tried, key=lambda one: -one.evidence)[:CLOSELY]
-        tried += [explain_record(scaled, one.fault)[0] for one in best]
+        tried += [explain_record(scaled, one.fault, reference.evidence)[0] for one in best]
     # an unknown load that its model describes badly makes other frequencies and damping more likely
     large = not as_it_is.ratio <= BELIEVABLE if record.model.unknowns.inputs else too_large(as_it_is, grid_run)
     if large or choose_fault(reference.evidence, tried)[1]:
@@ -191,7 +192,7 @@ def _with_likely_intensity(
     fits = [(record, first)]
     for factor in FASTER if record.model.unknowns.inputs else ():
         scaled = scale_intensity(record, factor)
-        fits.append((scaled, explain_record(scaled, None)))
+        fits.append((scaled, explain_record(scaled, None, fits[-1][1][0].evidence)))
         if fits[-1][1][0].evidence < fits[-2][1][0].evidence:
             break
     return max(fits, key=lambda fit: fit[1][0].evidence)
@@ -202,31 +203,31 @@ def _try_model_errors(record: CheckRecord, as_it_is: float) -> list[Explained]:
     best is halved HALVED times. All sizes of a mass are tried, as the evidence may have several peaks."""
     tried: list[Explained] = []
     for first in model_errors(record.model, record.considered):
-        sizes, highest, fault = {first: explain_record(record, first)[0]}, as_it_is, first
+        sizes, highest, fault = {first: explain_record(record, first, as_it_is)[0]}, as_it_is, first
         while len(sizes) < MOST_SIZES and (ahead := further(fault)) is not None:
             if first.kind != "mass" and not sizes[fault].evidence > highest:
                 break
             highest, fault = sizes[fault].evidence, ahead
-            sizes[fault] = explain_record(record, fault)[0]
+            sizes[fault] = explain_record(record, fault, as_it_is)[0]
         for _ in range(HALVED * (len(sizes) > 1)):
             ordered = sorted(sizes, key=lambda one: one.amount)
             best = max(range(len(ordered)), key=lambda k: sizes[ordered[k]].evidence)
             for k in (best - 1, best + 1):
                 if 0 <= k < len(ordered):
                     middle = between(ordered[best], ordered[k])
-                    sizes[middle] = explain_record(record, middle)[0]
+                    sizes[middle] = explain_record(record, middle, as_it_is)[0]
         tried += sizes.values()
     return tried
 
 
-def _try_load_faults(record: CheckRecord) -> tuple[list[Explained], Innovations | None]:
+def _try_load_faults(record: CheckRecord, as_it_is: float) -> tuple[list[Explained], Innovations | None]:
     """Evaluated load faults, and the innovations by which they were ranked; empty without known loads."""
     if not record.known.shape[-1]:
         return [], None
     innovations = compute_innovations(record, record.load)
     wanted = select_load_faults(innovations)
-    tried = [explain_record(record, fault)[0] for fault in wanted]
-    return tried + _extend_delays(record, wanted, tried), innovations
+    tried = [explain_record(record, fault, as_it_is)[0] for fault in wanted]
+    return tried + _extend_delays(record, wanted, tried, as_it_is), innovations
 
 
 def _is_load_fault_only(innovations: Innovations, candidates: Sequence[Explained]) -> bool:
@@ -297,8 +298,10 @@ def _select_faults(record: CheckRecord, left_out: Sequence[PredictedChannel], ch
     return list(dict.fromkeys(wanted + [other for fault in wanted for other in fault.neighbours]))
 
 
-def _extend_delays(record: CheckRecord, wanted: Sequence[Fault], tried: Sequence[Explained]) -> list[Explained]:
-    """Further delays of each channel or load, as long as the last one is the best."""
+def _extend_delays(
+    record: CheckRecord, wanted: Sequence[Fault], tried: Sequence[Explained], as_it_is: float
+) -> list[Explained]:
+    """Further delays of each channel or load, as long as the last one is the best; as_it_is: evidence without a fault."""
     more: list[Explained] = []
     for family in dict.fromkeys(fault.family for fault in wanted if fault.kind == "late"):
         known = {one.fault.amount: one for one in tried if one.fault and one.fault.family == family}
@@ -308,7 +311,7 @@ def _extend_delays(record: CheckRecord, wanted: Sequence[Fault], tried: Sequence
             neighbours = [n for n in (best - 1, best + 1) if n and n not in known and abs(n) <= 2 * MOST_LATE]
             if not neighbours or not np.isfinite(known[best].evidence):
                 break
-            known[neighbours[0]] = explain_record(record, replace(first, amount=neighbours[0]))[0]
+            known[neighbours[0]] = explain_record(record, replace(first, amount=neighbours[0]), as_it_is)[0]
             more.append(known[neighbours[0]])
     return more
 

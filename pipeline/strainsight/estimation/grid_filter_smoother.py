@@ -84,7 +84,9 @@ def _mix(
     off_nu, off_p = grid_run.nu - grid_run.nu_moments[0], grid_run.point - smoother.centre
     with_p = (off_p * grid_run.weight[:, None]).T @ off_nu
     joint = np.einsum("tai,id,tdc->tac", slope, with_p, V, optimize=True)
-    cov[:, :n, :n] += np.swapaxes(V, 1, 2) @ (smoother.left @ V) - joint - np.swapaxes(joint, 1, 2)
+    # without parameters gains that consider ν leave its prior covariance, which is one
+    by_nu = smoother.left @ V if k or not smoother.considers_nu else V
+    cov[:, :n, :n] += np.swapaxes(V, 1, 2) @ by_nu - joint - np.swapaxes(joint, 1, 2)
     cov[:, :n, n:] = cross - np.einsum("tda,id->tai", V, with_p)
     cov[:, n:, :n] = np.swapaxes(cov[:, :n, n:], 1, 2)
     cov[:, n:, n:] = smoother.spread

@@ -57,7 +57,7 @@ def _fit_hum(
         samples = np.where(np.isfinite(record.samples), wave[:, None], np.nan)
         silent = replace(record, samples=samples, known=0 * record.known, considered=considered, settled=still)
         try:
-            run = filter_on_grid(silent.known_at(np.array(as_it_is.point))).run
+            run = filter_on_grid(silent.known_at(np.array(as_it_is.point)), "readings").run
         except NumericalError:
             return None
         columns.append(run.whitened[record.sampled, 0][valid])

@@ -96,16 +96,19 @@ def log_normal(point: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> n
 
 ROUNDING = 1e-12
 """Relative to the unit prior covariance of ν: smaller growth is rounding."""
+FEW = 8
+"""Instants that are decomposed together, where Λ exceeds the prior at one of them."""
 
 
 class Mixture:
-    """Mean and covariance over the grid points along a record; with keep "parameters" other entries are NaN after t = 0."""
+    """Mean and covariance over the grid points along a record; with keep "parameters" other entries are NaN after t = 0, with
+    "readings" and no parameters σ of the states."""
 
     def __init__(self, record: GridRecord, keep: Keep):
         model, steps, n, m = record.model, record.steps, len(record.mean), record.samples.shape[1]
         at = conditional_states(model, len(record.biased))
         self.record, self.size, self.learned = record, len(at), record.considered.learned
-        self.parameters_alone = keep == "parameters"
+        self.parameters_alone, self.readings_alone = keep == "parameters", keep == "readings"
         # states of the filters first, then the parameters; x* has them the other way round where there are offsets
         order = np.concatenate([at, np.arange(n)[model.parameter_states]])
         self.back = np.argsort(order)
@@ -124,6 +127,9 @@ class Mixture:
         if self.parameters_alone:
             self._parameters(after, weights)
             return
+        if weights.point.shape == (1, 0):
+            self._states_of_one_filter(span, after, states, models)
+            return
         x, P, at, covariance = self._moments(after, weights, states)
         y = np.einsum("bmn,btn->btm", models.H, x)
         y = y + np.einsum("bmp,tp->btm", models.F, self.record.data.known_end[span])
@@ -138,6 +144,27 @@ class Mixture:
             self.gauge_mean[span] += np.einsum("tdm,td->tm", read, nu)
             self.gauge_variance[span] += np.sum(read * (removed @ read), axis=1)
         self._keep(after, covariance)
+
+    def _states_of_one_filter(self, span: slice, after: slice, states: States, models: LinearModels) -> None:
+        """Without parameters x̂ and P of L steps need no weights, and no matrix where σ alone is stored:
+
+        x̂ − V ν̂,   P + V Λ Vᵀ   if ν is learned,     x̂ + V a,   P + V Vᵀ   otherwise, a the reference of ν"""
+        x, P, V, H = states.x[0], states.P[0], states.V[0], models.H[0]
+        nu = states.nu[0] if self.learned else np.broadcast_to(-models.about, states.nu[0].shape)
+        mean, read = x - (nu[:, None] @ V)[:, 0], V @ H.T
+        self.mean[after] = mean
+        self.gauge_mean[span] = mean @ H.T + self.record.data.known_end[span] @ models.F[0].T
+        spread = states.left[0] @ read if self.learned else read
+        self.gauge_variance[span] = np.sum((H @ P) * H, axis=2) + np.sum(read * spread, axis=1)
+        if self.readings_alone:
+            return
+        spread = states.left[0] @ V if self.learned else V
+        self.std[after] = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2) + np.sum(V * spread, axis=1), 0.0))
+        at = self.unknowns
+        self.unknown_covariance[after] = P[:, at[:, None], at] + np.swapaxes(V[..., at], 1, 2) @ spread[..., at]
+        self.last = P[-1:] + np.swapaxes(V[-1:], 1, 2) @ spread[-1:]
+        if self.covariance is not None:
+            self.covariance[after] = P + np.swapaxes(V, 1, 2) @ spread
 
     def begin(self, weights: Weights, states: States, models: LinearModels, informed: bool) -> None:
         """Add the states at t = 0; informed: whether earlier records have updated ν."""
@@ -206,12 +233,11 @@ class Mixture:
         samples = self.record.data.samples[span]
         L, states = len(samples), passage.states
         slope = passage.slope[:, :L]
-        nu, left = (
-            np.concatenate([start, each[:, : L - 1]], axis=1)
-            for start, each in zip(before, (states.nu, states.left), strict=True)
-        )
+        nu = np.concatenate([before[0], states.nu[:, : L - 1]], axis=1)
         foreseen = passage.expected[:, :L] + np.einsum("btmd,btd->btm", slope, nu)
-        spread = passage.S[:, :L] + slope @ left @ np.swapaxes(slope, 2, 3)
+        parts = (slope[:, :1], before[1]), (slope[:, 1:], states.left[:, : L - 1])
+        spread = np.concatenate([each @ left @ np.swapaxes(each, 2, 3) for each, left in parts], axis=1)
+        spread += passage.S[:, :L]
         expected = np.einsum("tb,btm->tm", weights.mean, foreseen)
         S = np.einsum("tb,btmk->tmk", weights.positive, spread) + weights.covariance(foreseen, expected)
         self.innovation[span] = samples - expected
@@ -270,6 +296,9 @@ def removed_of(left: np.ndarray) -> np.ndarray:
         # a factor says in a fourth of the time that there is no such direction
         np.linalg.cholesky(removed + ROUNDING * np.eye(left.shape[-1]))
     except np.linalg.LinAlgError:
+        if removed.ndim > 2 and len(removed) > FEW:
+            half = len(removed) // 2
+            return np.concatenate([removed_of(left[:half]), removed_of(left[half:])])
         size, axes = np.linalg.eigh(removed)
         removed = (axes * np.maximum(size, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2)
     return np.asarray(removed)

@@ -69,7 +69,7 @@ class FilterModel:
                     remedy="add the parameter to `FilterModel.unknowns.parameters`, or set its value in `FilterModel.fixed`",
                 )
 
-    @property
+    @cached_property
     def size(self) -> int:
         """n*."""
         return self.unknowns.size(self.model)

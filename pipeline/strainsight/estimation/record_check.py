@@ -219,7 +219,7 @@ def _filter_at(record: CheckRecord, point: np.ndarray) -> Fit:
     """Fit of a record with known parameters: ratio of innovations over the worst LONGEST samples."""
     fixed = replace(record, considered=replace(record.considered, learned=True)).known_at(point)
     try:
-        grid_run = filter_on_grid(fixed, "mean")
+        grid_run = filter_on_grid(fixed, "readings")
     except NumericalError:
         return Explained(None, -np.inf, np.inf, point=tuple(point)), None
     begin, every = _loudest_innovations(record, grid_run), record.model.every

@@ -8,9 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
+from strainsight.estimation.interpolated_step import MOST, InterpolatedStep
 from strainsight.estimation.model import FilterModel, measure, step
 from strainsight.estimation.update import apply
-from strainsight.rom.modal_step import acceleration_map, modal_step
+from strainsight.rom.modal_step import HOLD, acceleration_map, modal_step
 
 LOST = 10.0
 """A run diverges when a parameter deviates from its guess by a factor of exp(LOST)."""
@@ -111,7 +112,9 @@ class DrivenModel:
         if self.linear:
             A, drive = self._linear_step
             return x @ A[0].T + drive[k], A
-        return step(self.model, x, self.known[k])
+        if len(self.model.unknowns.parameters) > MOST:
+            return step(self.model, x, self.known[k])
+        return self._interpolated_step(x, k)
 
     def measure(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         if self.linear:
@@ -133,6 +136,36 @@ class DrivenModel:
     def lost(self, x: np.ndarray) -> np.ndarray:
         finite = np.isfinite(x.sum(axis=1))
         return ~finite if self.linear else ~(finite & np.all(np.abs(x[:, self.model.parameter_states]) <= LOST, axis=1))
+
+    def _interpolated_step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """`step` with interpolated matrices of motion and loads."""
+        model, (known, hold, constant) = self.model, self._constants
+        motion, inputs, parameters = model.motion, model.input_states, model.parameter_states
+        matrices = self._interpolation.at(x[:, parameters])
+        driven = np.concatenate([x[:, motion], known[k] + x[:, inputs] @ hold.T], axis=1)
+        moved, ahead, J = (matrices @ driven[:, None, :, None])[..., 0], x.copy(), np.empty((len(x), *constant.shape))
+        ahead[:, motion], ahead[:, inputs] = moved[:, 0], x[:, inputs] @ model.transition.T
+        J[:] = constant
+        J[:, motion, motion] = matrices[:, 0, :, : motion.stop]
+        J[:, motion, inputs] = matrices[:, 0, :, motion.stop :] @ hold
+        J[:, motion, parameters] = np.swapaxes(moved[:, 1:], 1, 2)
+        return ahead, J
+
+    @cached_property
+    def _interpolation(self) -> InterpolatedStep:
+        return InterpolatedStep(self.model)
+
+    @cached_property
+    def _constants(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Known loads as hold coefficients of all inputs (T, HOLD n_u), those of ζ as rows (HOLD n_u, k), and the constant rows
+        of A* (n*, n*)."""
+        model, loads = self.model, len(self.model.model.inputs)
+        unknown, known = model.columns
+        u, hold = np.zeros((*self.known.shape[:2], loads)), np.zeros((HOLD, loads, len(model.transition)))
+        u[..., known], hold[:, unknown] = self.known, model.hold
+        J = np.eye(model.size)
+        J[model.input_states, model.input_states] = model.transition
+        return u.reshape(len(u), -1), hold.reshape(HOLD * loads, -1), J
 
     @cached_property
     def _linear_step(self) -> tuple[np.ndarray, np.ndarray]:

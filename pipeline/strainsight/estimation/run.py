@@ -11,8 +11,9 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.reduced import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
-Keep = Literal["parameters", "mean", "first", "all"]
-"""Whether smoother inputs are stored for no run, the first or all; "parameters" stores only those of the grid filter."""
+Keep = Literal["parameters", "readings", "mean", "first", "all"]
+"""Whether smoother inputs are stored for no run, the first or all; "parameters" stores only those of the grid filter,
+"readings" no σ of states in a model without parameters."""
 
 
 @dataclass(frozen=True)

@@ -66,15 +66,17 @@ def regression(
     f = f.reshape(N, B, -1)
     J = np.array(np.broadcast_to(J, (N * B, *J.shape[1:]))).reshape(N, B, -1, n)
     J[..., parameters] = 0.0
-    mean, middle = np.tensordot(w, f, 1), np.tensordot(w, J, 1)
-    along = np.einsum("i,ibr,ik->brk", w, f - mean, z)
+
+    def average(X: np.ndarray) -> np.ndarray:
+        return np.asarray((w @ X.reshape(N, -1)).reshape(X.shape[1:]))
+
+    mean, middle = average(f), average(J)
+    along = average((f - mean)[..., None] * z[:, None, None])
     slope = middle.copy()
     slope[..., parameters] += (along - middle @ C) @ transpose(inverse)
     off = f - mean - np.einsum("brk,ik->ibr", along, z)
     turned = J - middle
-    rest = np.einsum("i,ibr,ibs->brs", w, off, off) + np.tensordot(
-        w, turned @ (P - C @ transpose(C)) @ transpose(turned), 1
-    )
+    rest = average(off[..., None] * off[..., None, :] + turned @ (P - C @ transpose(C)) @ transpose(turned))
     return Regression(mean, slope, symmetric(rest))
 
 
