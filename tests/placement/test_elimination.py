@@ -17,7 +17,7 @@ from strainsight.placement import elimination
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.criteria import Criterion, WorstEigenvalue
 from strainsight.placement.exchange import exchange
-from strainsight.placement.increment import removal
+from strainsight.placement.increment import removals
 from strainsight.placement.scenario import Scenario, solve_pool, thesis_weight
 from strainsight.placement.score import score
 
@@ -30,9 +30,9 @@ def test_elimination_evaluates_few_bounds(monkeypatch):
 
     def counted(*arguments):
         asked.append(1)
-        return removal(*arguments)
+        return removals(*arguments)
 
-    monkeypatch.setattr(elimination, "removal", counted)
+    monkeypatch.setattr(elimination, "removals", counted)
     found = eliminate(scenarios_of(beam_of(60), ("Fz",), ("E",)), 4)
     assert found.solves.sum() == len(asked)
     assert found.solves.min() >= 1

@@ -266,6 +266,31 @@ def thesis_weight(size: int, unknown: np.ndarray, scale: np.ndarray) -> np.ndarr
     return weight
 
 
+def in_reached_states(pool: Pool, last: int) -> Pool:
+    """The pool without the states that the process noise does not reach, but for the last ones; with any of its gauges
+
+        P = [P_rr, 0; 0, 0],   where P_rr solves (5.14) with F_rr, Q_rr and G_rr
+
+    such as bending about an axis about which no load acts. The pool itself if P_rr does not solve it to 1e-12."""
+    reached = np.diag(pool.P) > 0.5
+    reached[len(reached) - last :] = True
+    inner, s, modes = np.ix_(reached, reached), pool.scenario, pool.modes
+    F, Q, P, rows = s.F[inner], s.Q[inner], pool.P[inner], pool.rows[..., reached]
+    residual = relative_residual(F, Q, information(rows.reshape(-1, len(F))), P)
+    if reached.all() or residual > REACHED:
+        return pool
+    return Pool(
+        replace(s, F=F, Q=Q, H=s.H[..., reached], weight=s.weight[reached]),
+        rows,
+        pool.scale[reached],
+        P,
+        residual,
+        MarginalModes(modes.eigenvalue, tuple(V[reached] for V in modes.vectors), modes.scale[reached]),
+    )
+
+
+REACHED = 1e-12
+"""Largest relative residual without the states that noise does not reach."""
 LARGE = 60
 """Number of states from which a pool is searched in its slow motions."""
 AGREES = 1e-3
@@ -281,7 +306,8 @@ def slow_pools(pools: Sequence[Pool], motions: int, unknowns: np.ndarray) -> tup
     """The scenarios in as few slow motions as leave σ of the unknowns what it is, to `AGREES` with the whole pool; the pools
     themselves where they have up to `LARGE` states, or where that takes more than `WORTH` of them.
 
-    pools: of x* = [q (motions,), q̇, unknowns and what their models add]; unknowns (u,): indices in x* of what has to agree."""
+    pools: of x* = [q (motions,), q̇, unknowns and what their models add]; unknowns (u,): what has to agree, numbered from the last
+    state."""
     size = len(pools[0].P)
     if size <= LARGE:
         return tuple(pools)
@@ -289,7 +315,7 @@ def slow_pools(pools: Sequence[Pool], motions: int, unknowns: np.ndarray) -> tup
     while 2 * count + size - 2 * motions <= WORTH * size:
         selected: list[Pool] = []
         for pool in pools:
-            if (slow := _slow_pool(pool, motions, count, unknowns - size)) is None:
+            if (slow := _slow_pool(pool, motions, count, unknowns)) is None:
                 break
             selected.append(slow)
         else:
