@@ -32,11 +32,10 @@ class Modes:
 
     def __init__(self, loops: Sequence[Loop]):
         self.loops = loops
-        size = max(len(loop.A) for loop in loops)
-        A, self.P, G = np.tile(-np.eye(size), (len(loops), 1, 1)), *np.zeros((2, len(loops), size, size))
-        for i, loop in enumerate(loops):
-            part = np.s_[i, : len(loop.A), : len(loop.A)]
-            A[part], self.P[part], G[part] = loop.A, loop.P, loop.G
+        self.size = max(len(loop.A) for loop in loops)
+        A, self.P, G = (self._padded(X) for X in zip(*((loop.A, loop.P, loop.G) for loop in loops), strict=True))
+        for each, loop in zip(A, loops, strict=True):
+            each[range(len(loop.A), self.size), range(len(loop.A), self.size)] = -1.0
         value, self.V = np.linalg.eig(A)
         try:
             self.inverse = np.linalg.inv(self.V)
@@ -44,25 +43,28 @@ class Modes:
             self.inverse = np.full_like(self.V, np.inf)
         condition = _norm(self.V) * _norm(self.inverse)
         summed = [loop.factor is None for loop in loops]
-        self.usable = (condition <= CONDITION * size) & (value.real < 0).all(axis=1) & summed
+        self.usable = (condition <= CONDITION * self.size) & (value.real < 0).all(axis=1) & summed
         self.inverse[~self.usable] = 0.0
         self.solution = -1 / np.where(self.usable[:, None, None], value[:, :, None] + value[:, None, :].conj(), 1.0)
         self.G = _adjoint(self.V) @ G @ self.V
 
     def rows(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
         """Gauges (..., n) of each scenario, padded, as (s, ..., n)."""
-        padded = np.zeros((len(blocks), *blocks[0].shape[:-1], self.P.shape[1]))
+        padded = np.zeros((len(blocks), *blocks[0].shape[:-1], self.size))
         for h, into in zip(blocks, padded, strict=True):
             into[..., : h.shape[-1]] = h
+        return padded
+
+    def _padded(self, matrices: Sequence[np.ndarray]) -> np.ndarray:
+        padded = np.zeros((len(matrices), self.size, self.size))
+        for X, into in zip(matrices, padded, strict=True):
+            into[: len(X), : len(X)] = X
         return padded
 
     def slopes(self, W: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Factors L (s, n, n), L Lᵀ = P X P with Aᵀ X + X A + W = 0, and VᴴX V; W (n, n) positive semidefinite: gradients of the
         metric, for the lower bounds of all removals from the same loops."""
-        padded = np.zeros_like(self.P)
-        for w, into in zip(W, padded, strict=True):
-            into[: len(w), : len(w)] = w
-        inside = self.solution.conj() * (_adjoint(self.V) @ padded @ self.V)
+        inside = self.solution.conj() * (_adjoint(self.V) @ self._padded(W) @ self.V)
         X = (_adjoint(self.inverse) @ inside @ self.inverse).real
         for i in np.flatnonzero(~self.usable).tolist():
             X[i, : len(W[i]), : len(W[i])] = lyapunov(self.loops[i], W[i], adjoint=True)
@@ -102,9 +104,10 @@ class Modes:
             before, change = change, _norm(new - D)
             D = np.where(open_[:, None, None], new, D)
             size = _norm(D)
-            # rounding has been reached, or the iteration is no contraction
+            # rounding has been reached, or the iteration is no contraction; else the next change is less by as much again
             stalled = change > 0.3 * before
-            solved |= open_ & ((change <= CONVERGED * size) | (stalled & (change <= 1e-11 * size)))
+            converged = (change <= CONVERGED * size) | (~stalled & (change**2 <= CONVERGED * size * before))
+            solved |= open_ & (converged | (stalled & (change <= 1e-11 * size)))
             open_ &= ~(solved | stalled)
             if not open_.any():
                 break
@@ -264,7 +267,8 @@ def _adjoint(X: np.ndarray) -> np.ndarray:
 
 def _norm(X: np.ndarray) -> np.ndarray:
     """Frobenius norm of each matrix (..., n, k)."""
-    return np.sqrt(_trace(X, X))
+    parts = np.ascontiguousarray(X).view(float)
+    return np.asarray(np.sqrt(np.einsum("...ij,...ij->...", parts, parts)))
 
 
 def _trace(X: np.ndarray, Y: np.ndarray) -> np.ndarray:

@@ -241,7 +241,7 @@ def loops_of(pools: Sequence[Pool], gauges: Gauges) -> list[Loop] | None:
 
 def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
     """Mean or maximum over the scenarios, the first axis."""
-    return costs.mean(axis=0) if aggregate == "mean" else costs.max(axis=0)
+    return np.asarray(costs.sum(axis=0) / len(costs) if aggregate == "mean" else costs.max(axis=0))
 
 
 def weight_of_pools(pools: Sequence[Pool], unknown: np.ndarray) -> np.ndarray:

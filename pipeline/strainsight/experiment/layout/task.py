@@ -144,8 +144,8 @@ def _near(
 class UnknownStates:
     """Unknowns among the states x* of a linear problem.
 
-    names (u,); states: names of the last states of x*; at (u,): indices in x*, numbered from its last state; scale (u,) [unit]:
-    of x*; size (u,): scaling of each for criteria other than the trace."""
+    names (u,); states: names of the last states of x*; at (u,): indices in x*, numbered from its last state; scale (u,)
+    [unit]: of x*; size (u,): scaling of each for criteria other than the trace."""
 
     names: tuple[str, ...]
     states: tuple[str, ...]
