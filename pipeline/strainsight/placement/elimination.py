@@ -13,8 +13,8 @@ from strainsight.ordering import TIE, index_of_largest
 from strainsight.placement.increment import Modes, least_increments, removals, squares
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import Limits, as_limits
-from strainsight.placement.riccati import Loop, close_loop, information, relative_residual
-from strainsight.placement.scenario import Aggregate, Pool, aggregated, fewest_gauges, refine
+from strainsight.placement.riccati import Loop, close_loop, information
+from strainsight.placement.scenario import Aggregate, Pool, aggregated, fewest_gauges, refine, refine_with_residual
 from strainsight.placement.witness import Guard, Remaining
 
 NOTHING = 1e-12
@@ -247,8 +247,8 @@ def _descend(
         left.remove(place.at)
         for i, (pool, D) in enumerate(zip(pools, place.increments, strict=True)):
             G = left.information(i)
-            P = refine(pool, G, loops[i].P + D)
-            residual = max(residual, relative_residual(pool.scenario.F, pool.scenario.Q, G, P))
+            P, error = refine_with_residual(pool, G, loops[i].P + D)
+            residual = max(residual, error)
             loops[i] = close_loop(pool.scenario.F, G, P)
             costs[i] = pool.metric.value(P)
         removed.append((place.gauge, place.rise, place.ties))

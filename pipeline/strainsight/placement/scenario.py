@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -191,17 +192,23 @@ def subset_covariance(pool: Pool, gauges: Gauges) -> np.ndarray | None:
 
 def refine(pool: Pool, G: Information, P: np.ndarray | None) -> np.ndarray:
     """P polished if its residual exceeds 1e-12; solved again from None, or if polishing does not reach 1e-10."""
+    return refine_with_residual(pool, G, P)[0]
+
+
+def refine_with_residual(pool: Pool, G: Information, P: np.ndarray | None) -> tuple[np.ndarray, float]:
+    """`refine`, and the relative residual of its result."""
     s = pool.scenario
     if P is not None:
-        if relative_residual(s.F, s.Q, G, P) <= 1e-12:
-            return P
-        try:
+        error = relative_residual(s.F, s.Q, G, P)
+        if error <= 1e-12:
+            return P, error
+        with suppress(NumericalError):
             P = polish(s.F, s.Q, G, P, steps=2)
-        except NumericalError:
-            return solve_anew(s.F, s.Q, G)
-        if relative_residual(s.F, s.Q, G, P) <= ACCEPTED:
-            return P
-    return solve_anew(s.F, s.Q, G)
+            error = relative_residual(s.F, s.Q, G, P)
+            if error <= ACCEPTED:
+                return P, error
+    P = solve_anew(s.F, s.Q, G)
+    return P, relative_residual(s.F, s.Q, G, P)
 
 
 def fewest_gauges(pools: Sequence[Pool]) -> tuple[int, int]:
