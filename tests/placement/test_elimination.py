@@ -93,7 +93,8 @@ def test_weights_start_every_unknown_at_one_and_the_thesis_keeps_physical_units(
 def test_the_residual_is_the_largest_of_all_steps(monkeypatch):
     scenarios = scenarios_of(beam_of(8, 3), ("Fz",), ("E",))
     for residuals in ([1e-11, 3e-11, 2e-11], [1e-13, 1e-12, 4e-11], [5e-11, 1e-12, 1e-12]):
-        solved = lambda *given, values=iter(residuals): (refine(*given), next(values))  # noqa: E731
+        values = iter(residuals)
+        solved = lambda *given, values=values: (refine(*given), next(values))  # noqa: E731
         monkeypatch.setattr(elimination, "refine_with_residual", solved)
         found = eliminate(scenarios, 5)
         assert found.residual == max(residuals)
