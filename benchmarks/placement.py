@@ -209,7 +209,7 @@ def measure(job: dict[str, Any]) -> dict[str, Any]:
         found["residual"], found["removed"] = result.residual, result.removed.tolist()
         found["rise"] = float(result.rise[0])
         start = time.perf_counter()
-        swapped = exchange(result.pools, result.kept, limits=limits)
+        swapped = exchange(result.pools, result.selected, limits=limits)
         found["exchange"], found["complete"] = time.perf_counter() - start, swapped.complete
     else:
         # in the package's coordinates, where SciPy's solver does best

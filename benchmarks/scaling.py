@@ -205,7 +205,7 @@ def gauges(job: Mapping[str, Any]) -> dict[str, float]:
     timed("observability", seen)
     timed("solve", lambda: [solve_pool(scenario) for scenario in scenarios])
     result = timed("elimination", lambda: eliminate(scenarios, KEEP))
-    swapped = timed("exchange", lambda: exchange(result.pools, result.kept))
+    swapped = timed("exchange", lambda: exchange(result.pools, result.selected))
     bound = timed("certificate", lambda: certify(result.pools, swapped.gauges, swapped.cost[-1]))
     found["removals"], found["solves"], found["gap"] = len(result.removed), float(result.solves.sum()), bound.gap
     found["peak"] = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024

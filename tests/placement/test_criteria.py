@@ -123,7 +123,7 @@ def test_its_slope_in_the_weight_of_a_gauge_is_that_of_differences_and_no_rise_i
         other = solve_pool(replace(scenario, r=r))
         return metric_of(criterion, other.scenario, other.P)
 
-    found = gauge_gradients(loop_of(pool, np.arange(10), pool.P), pool.rows, pool.metric.gradient(pool.P))
+    (found,) = gauge_gradients([loop_of(pool, np.arange(10), pool.P)], [pool.rows], [pool.metric.gradient(pool.P)])
     for g in range(10):
         slope = -(cost(g, 1 + 1e-4) - cost(g, 1 - 1e-4)) / 2e-4
         np.testing.assert_allclose(found[g], slope, rtol=1e-4)

@@ -17,8 +17,8 @@ from strainsight.placement import elimination
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.criteria import Criterion, WorstEigenvalue
 from strainsight.placement.exchange import exchange
-from strainsight.placement.increment import removal
-from strainsight.placement.scenario import Scenario, solve_pool, thesis_weight
+from strainsight.placement.increment import removals
+from strainsight.placement.scenario import Scenario, refine, solve_pool, thesis_weight
 from strainsight.placement.score import score
 
 from .conftest import beam_of, covariance_in_digits, oracle, scenarios_of
@@ -30,9 +30,9 @@ def test_elimination_evaluates_few_bounds(monkeypatch):
 
     def counted(*arguments):
         asked.append(1)
-        return removal(*arguments)
+        return removals(*arguments)
 
-    monkeypatch.setattr(elimination, "removal", counted)
+    monkeypatch.setattr(elimination, "removals", counted)
     found = eliminate(scenarios_of(beam_of(60), ("Fz",), ("E",)), 4)
     assert found.solves.sum() == len(asked)
     assert found.solves.min() >= 1
@@ -94,7 +94,8 @@ def test_the_residual_is_the_largest_of_all_steps(monkeypatch):
     scenarios = scenarios_of(beam_of(8, 3), ("Fz",), ("E",))
     for residuals in ([1e-11, 3e-11, 2e-11], [1e-13, 1e-12, 4e-11], [5e-11, 1e-12, 1e-12]):
         values = iter(residuals)
-        monkeypatch.setattr(elimination, "relative_residual", lambda *_, values=values: next(values))
+        solved = lambda *given, values=values: (refine(*given), next(values))  # noqa: E731
+        monkeypatch.setattr(elimination, "refine_with_residual", solved)
         found = eliminate(scenarios, 5)
         assert found.residual == max(residuals)
         assert found.residual > max(pool.residual for pool in found.pools)

@@ -10,7 +10,6 @@ from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.placement import riccati
 from strainsight.placement.riccati import (
     Information,
-    adjoint_lyapunov,
     balance,
     close_loop,
     factor_after,
@@ -173,7 +172,7 @@ def test_lyapunov_solutions_satisfy_their_equations_and_are_adjoint():
     A = rng.normal(size=(9, 9)) - 5 * np.eye(9)
     loop = close_loop(A, Information(np.zeros((9, 9))), np.zeros((9, 9)))
     S, W = (m @ m.T for m in rng.normal(size=(2, 9, 9)))
-    Y, X = lyapunov(loop, S), adjoint_lyapunov(loop, W)
+    Y, X = lyapunov(loop, S), lyapunov(loop, W, adjoint=True)
     np.testing.assert_allclose(A @ Y + Y @ A.T, -S, atol=1e-12)
     np.testing.assert_allclose(A.T @ X + X @ A, -W, atol=1e-12)
     np.testing.assert_allclose(np.trace(W @ Y), np.trace(X @ S), rtol=1e-12)

@@ -186,7 +186,7 @@ def pools(scenarios):
 
 def found_in(pools):
     size = len(pools[0].P)
-    return slow_pools(pools, (size - 2) // 2, np.array([size - 2, size - 1]))
+    return slow_pools(pools, (size - 2) // 2, np.array([-2, -1]))
 
 
 def slow_metric(pools, slow):

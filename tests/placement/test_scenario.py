@@ -14,7 +14,15 @@ from strainsight.placement.elimination import RemovedGauge, known_to_go, least_m
 from strainsight.placement.failure import robust_set
 from strainsight.placement.limits import limits_of
 from strainsight.placement.riccati import CANCELLED, Information, information
-from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refine, solve_pool, subset_covariance
+from strainsight.placement.scenario import (
+    Scenario,
+    fewest_gauges,
+    in_reached_states,
+    loop_of,
+    refine,
+    solve_pool,
+    subset_covariance,
+)
 from strainsight.placement.score import score, scores
 from strainsight.placement.witness import Remaining
 
@@ -245,7 +253,7 @@ def test_where_every_removal_loses_an_unknown_none_is_found():
     step = Left(H, "mean", range(3, SIZE))
     choice, solves, _ = step.found()
     assert choice is None
-    assert solves == 3
+    assert solves == 3 * 2
     assert Left(H, "mean", range(5, SIZE), fixed=range(5)).found()[:2] == (None, 0)
 
 
@@ -332,3 +340,31 @@ def test_impossible_counts_keep_their_words():
         limits_of(11, 1, fixed=(3, 4))
     with pytest.raises(ConfigError, match="cannot keep 18 of the 17 candidate gauges, of which 4 are bonded"):
         limits_of(11, 18, size=PAIRS, fixed=(0, 1))
+
+
+@pytest.mark.parametrize("loads", [("Fz",), ("Fz", "Fy")])
+def test_states_without_noise_change_no_covariance(loads):
+    """Bending about the other axis, of which a load about one axis moves nothing, against SciPy with all states."""
+    (scenario,) = scenarios_of(beam_of(12, 3), loads, ("E",))
+    n, size = len(scenario.F) - len(loads) - 1, len(scenario.F)
+    F, Q = np.zeros((size + 4, size + 4)), np.zeros((size + 4, size + 4))
+    inner = np.ix_(np.r_[:n, n + 4 : size + 4], np.r_[:n, n + 4 : size + 4])
+    F[inner], Q[inner] = scenario.F, scenario.Q
+    F[n : n + 2, n + 2 : n + 4] = np.eye(2)
+    F[n + 2 : n + 4, n : n + 2], F[n + 2 : n + 4, n + 2 : n + 4] = -np.diag([9e4, 4e5]), -np.diag([6.0, 13.0])
+    F[n + 2, :n] = 1e-18 * np.abs(scenario.F).max()
+    H, weight = np.zeros((12, size + 4)), np.zeros(size + 4)
+    H[:, inner[0].ravel()], weight[inner[0].ravel()] = scenario.H, scenario.weight
+    H[:, n : n + 2] = np.random.default_rng(1).normal(size=(12, 2)) * np.abs(scenario.H).max()
+    whole = solve_pool(Scenario(F, Q, H, scenario.r, weight))
+    few = in_reached_states(whole, len(loads) + 1)
+    assert len(few.P) == size
+    for gauges in (range(12), [1, 4, 7, 9, 11], [0, 3, 6, 10]):
+        P = subset_covariance(few, gauges) * np.outer(few.scale, few.scale)
+        every = oracle(whole.scenario, gauges) * np.outer(whole.scale, whole.scale)
+        unit = np.outer(few.scale, few.scale) * np.abs(subset_covariance(few, gauges)).max()
+        np.testing.assert_allclose(P / unit, every[inner] / unit, atol=1e-8)
+        assert few.metric.value(subset_covariance(few, gauges)) == pytest.approx(
+            whole.metric.value(subset_covariance(whole, gauges)), rel=1e-9
+        )
+    assert in_reached_states(few, 1) is few

@@ -121,6 +121,6 @@ def test_what_is_long_is_forecast_again_as_place_begins_and_its_pool_is_known():
     said = of_pool_in_words(every, 20_000, 125)
     assert said.startswith(
         "the stage `place` with 20000 candidates, 125 states and 9 combinations of instant, parameter sample and load case "
-        "takes about 12 h of processor time and 1.5 GiB"
+        "takes about 6.6 h of processor time and 1.5 GiB"
     )
     assert of_pool_in_words(every, 100, 23) == ""

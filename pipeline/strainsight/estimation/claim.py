@@ -133,6 +133,7 @@ def covariance_recursion(
     u: np.ndarray,
     covariance: np.ndarray,
     considered: ConsideredParameters | None = None,
+    first: int = 0,
 ) -> ClaimedStd:
     """Standard deviation of x* that the extended filter will claim along a given motion, for B sets of sensors.
 
@@ -144,8 +145,8 @@ def covariance_recursion(
 
     trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u): hold coefficients of all inputs [N], unknown ones too; covariance (n*,
     n*) or (B, n*, n*) of x* at t = 0; considered parameters require sets that differ by their noise only: a missing channel
-    has infinite noise. Sources: Schmidt, Advances in Control Systems 3 (1966); JCGM 100:2008 (GUM), section 5.1 (parts of a
-    variance)."""
+    has infinite noise; first: instant from which the claim is returned. Sources: Schmidt, Advances in Control Systems 3
+    (1966); JCGM 100:2008 (GUM), section 5.1 (parts of a variance)."""
     source = () if considered is None else considered.sources(model.model.size)
     P, parts, Q = starts(model, covariance)
     errors = _Errors(P, np.zeros((len(P), len(source), model.size)), parts)
@@ -160,8 +161,8 @@ def covariance_recursion(
             errors.update(K, H, R, step.read[:, : H.shape[-2]])
         variance[k] = standard_deviation(errors.P) ** 2 + np.sum(errors.V**2, axis=1)
         part[k], shift[k] = standard_deviation(errors.parts) ** 2, errors.V[0]
-    budget = {name: part[:, i] for i, name in enumerate(WHITE)}
-    return ClaimedStd(np.sqrt(variance), budget | by_source(source, shift))
+    budget = {name: part[first:, i] for i, name in enumerate(WHITE)}
+    return ClaimedStd(np.sqrt(variance[first:]), budget | by_source(source, shift[first:]))
 
 
 def starts(model: FilterModel, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -206,6 +207,7 @@ def predict_grid_std(
     covariance: np.ndarray,
     considered: ConsideredParameters,
     settled: Settled | None = None,
+    first: int = 0,
 ) -> ClaimedStd:
     """Standard deviation of x* = [s, p] that the grid filter will claim along a given motion, for B sets of sensors.
 
@@ -220,7 +222,7 @@ def predict_grid_std(
 
         σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
 
-    Arguments and parts as in `covariance_recursion`, settled as in `filter_on_grid`; p is not correlated with s at t = 0.
+    Arguments and parts as in `covariance_recursion`, settled as in `filter_on_grid`. p is not correlated with s at t = 0.
     Raises NumericalError if an innovation covariance is not positive definite. R and z use orthogonal factors: sums would
     lose the directions of confounded constants at small noise. Source: Friedland, IEEE Trans. Automatic Control 14 (1969);
     `parallel_filters.advance` and `Mixture` take the same steps."""
@@ -245,8 +247,9 @@ def predict_grid_std(
     state_errors = _Errors(errors.P, errors.V, errors.parts) if ahead or free_loads else None
     # no filter for constants that the samples do not estimate
     estimates = followed.any or state_errors is None
-    claimed = _Claimed(model.size, len(u) + 1, source, followed)
-    claimed.after(0, errors)
+    claimed = _Claimed(model.size, len(u) + 1 - first, source, followed)
+    if first == 0:
+        claimed.after(0, errors)
     for k, step in enumerate(steps_along(model, trajectory, u, considered, B), start=1):
         A, pushed = step.A[:n, :n], np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
         if estimates:
@@ -263,11 +266,12 @@ def predict_grid_std(
                 followed.update(errors.parts, K[0], L, H[0], by_sensors(R), errors.slope(H, read))
                 errors.update(K, H, R, read)
             if state_errors is not None:
-                first = slice(d if ahead else 0)
-                slope = transpose(state_errors.slope(H, read)[:, first])
-                state_errors.update(schmidt_gain(state_errors.P, H, R, state_errors.V[:, first], slope), H, R, read)
-        claimed.after(k, errors if state_errors is None else state_errors, state_errors is not None)
-    return _with_inertia(claimed.claim(), model, considered, trajectory, u)
+                gaining = slice(d if ahead else 0)
+                slope = transpose(state_errors.slope(H, read)[:, gaining])
+                state_errors.update(schmidt_gain(state_errors.P, H, R, state_errors.V[:, gaining], slope), H, R, read)
+        if k >= first:
+            claimed.after(k - first, errors if state_errors is None else state_errors, state_errors is not None)
+    return _with_inertia(claimed.claim(), model, considered, trajectory, u, first)
 
 
 class _Errors:
@@ -323,23 +327,21 @@ class _Followed:
         reflections, blocks = factors[0][1:]
 
         def turn(X: np.ndarray) -> np.ndarray:
-            """The first c rows of Qᵀ X, X (c + m, k), Q of the first set."""
-            return np.asarray(dtpmqrt(0, reflections, blocks, X[:c], X[c:], side="L", trans="T")[0])
+            """The first c rows of Qᵀ X of every source, X (3, c + m, k), Q of the first set."""
+            columns = X.transpose(1, 0, 2).reshape(X.shape[1], -1)
+            turned = dtpmqrt(0, reflections, blocks, columns[:c], columns[c:], side="L", trans="T")[0]
+            return np.asarray(turned.reshape(c, *X.shape[::2]).transpose(1, 0, 2))
 
         w, left, noise = parts @ H.T, np.eye(len(K)) - K @ H, R[:, :, None] * np.eye(R.shape[1])
-
-        def white(X: np.ndarray) -> np.ndarray:
-            """L⁻¹X of every source, X (3, m, k)."""
-            return np.asarray(np.linalg.solve(L[:1], X))
-
-        z_e = -transpose(white(H @ self.across))
-        e = white(transpose(white(H @ w + noise)))
+        white = np.linalg.inv(L[0])
+        z_e = -transpose(white @ (H @ self.across))
+        e = white @ (H @ w + noise) @ white.T
         whole = np.concatenate(
             [np.concatenate([self.z, z_e], axis=2), np.concatenate([transpose(z_e), e], axis=2)], axis=1
         )
-        w_e = transpose(white(transpose(K @ noise - left @ w)))
-        self.z = np.stack([turn(turn(each).T) for each in whole])
-        self.across = np.stack([turn(each.T).T for each in np.concatenate([left @ self.across, w_e], axis=2)])
+        w_e = (K @ noise - left @ w) @ white.T
+        self.z = turn(transpose(turn(whole)))
+        self.across = transpose(turn(transpose(np.concatenate([left @ self.across, w_e], axis=2))))
 
     def covariance(self) -> tuple[np.ndarray, np.ndarray]:
         """Λ (B, c, f) of all constants with the estimated ones, and T (B, f, f): ĉ = T z of these. R is triangular."""
@@ -397,13 +399,13 @@ class _Claimed:
 
 
 def _with_inertia(
-    claim: ClaimedStd, model: FilterModel, considered: ConsideredParameters, x: np.ndarray, u: np.ndarray
+    claim: ClaimedStd, model: FilterModel, considered: ConsideredParameters, x: np.ndarray, u: np.ndarray, first: int
 ) -> ClaimedStd:
-    """The claim with the inertia at unknown loads; x (T + 1, 2n), u (T, HOLD, n_u) as in `predict_grid_std`."""
+    """The claim with the inertia at unknown loads; x (T + 1, 2n), u (T, HOLD, n_u) and first as in `predict_grid_std`."""
     loads = np.concatenate([u[:1, 0], u.sum(axis=1)])
     mean = np.zeros((len(x), model.size))
     mean[:, : model.parameter_states.start] = states_at(model, x, loads)
-    inertia = inertia_std(model, considered, mean, loads[:, model.columns[1]])
+    inertia = inertia_std(model, considered, mean, loads[:, model.columns[1]])[first:]
     if not inertia.any():
         return claim
     budget = {**claim.budget, MASS: claim.budget.get(MASS, 0.0) + inertia**2}

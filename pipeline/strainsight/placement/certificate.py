@@ -122,12 +122,11 @@ class _Relaxation:
         loops = [relaxed_loop(p, weight_rows(p, w), P) for p, P in zip(self.pools, self.last, strict=True)]
         self.last = [loop.P for loop in loops]
         costs = costs_of(self.pools, loops)
-        soft, levels, gradients = np.empty_like(costs), np.empty_like(costs), np.empty((len(costs), len(w)))
-        for i, (p, l) in enumerate(zip(self.pools, loops, strict=True)):
-            metric = p.metric.softened(temperature)
-            W = metric.gradient(l.P)
-            soft[i], levels[i] = metric.value(l.P), np.vdot(W, l.P)
-            gradients[i] = -gauge_gradients(l, p.rows, W)
+        metrics = [(p.metric.softened(temperature), l.P) for p, l in zip(self.pools, loops, strict=True)]
+        soft = np.array([metric.value(P) for metric, P in metrics])
+        W = [metric.gradient(P) for metric, P in metrics]
+        levels = np.array([np.vdot(w, P) for w, (_, P) in zip(W, metrics, strict=True)])
+        gradients = -gauge_gradients(loops, [p.rows for p in self.pools], W)
         if temperature > 0 and self.aggregate == "worst":
             share = np.exp((soft - soft.max()) / temperature)
             value = soft.max() + temperature * np.log(share.sum())

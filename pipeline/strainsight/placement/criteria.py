@@ -41,10 +41,10 @@ class Criterion(Protocol):
         """c(M + D) − c(M), D (k, k) ≥ 0, computed from D with all its digits, not as a difference."""
         ...
 
-    def least_rise(self, M: np.ndarray, t: float) -> float:
-        """Least c(M + D) − c(M) of all D ≥ 0 with tr(W D) ≥ t, W the gradient at M. 0 is always valid, at the cost of more
-        solves; t is valid for c convex in M."""
-        return 0.0
+    def least_rise(self, M: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Least c(M + D) − c(M) of all D ≥ 0 with tr(W D) ≥ t, W the gradient at M, for each t (m,). 0 is always valid, at the
+        cost of more solves; t is valid for c convex in M."""
+        return np.zeros_like(t)
 
     def lifts(self, M: np.ndarray, D: np.ndarray, doubt: np.ndarray) -> np.ndarray:
         """Least rises (m,) of all increments D' ≥ D − doubt·1, one for every D (m, k, k) ≥ 0 and doubt (m,). Only asked of a
@@ -76,7 +76,7 @@ class Trace(Criterion):
     def rise(self, M: np.ndarray, D: np.ndarray) -> float:
         return float(D.trace())
 
-    def least_rise(self, M: np.ndarray, t: float) -> float:
+    def least_rise(self, M: np.ndarray, t: np.ndarray) -> np.ndarray:
         return t
 
 
@@ -105,10 +105,10 @@ class LogDeterminant(Criterion):
         inner = solve_triangular(L, solve_triangular(L, D, lower=True).T, lower=True)
         return self.value(M) * float(np.expm1(np.log1p(np.linalg.eigvalsh(0.5 * (inner + inner.T))).mean()))
 
-    def least_rise(self, M: np.ndarray, t: float) -> float:
+    def least_rise(self, M: np.ndarray, t: np.ndarray) -> np.ndarray:
         """det(I + X) ≥ 1 + tr X for X ≥ 0, and here tr X = k t / c."""
         c, k = self.value(M), len(M)
-        return c * float(np.expm1(np.log1p(k * t / c) / k))
+        return np.asarray(c * np.expm1(np.log1p(k * t / c) / k))
 
 
 def _factor(M: np.ndarray) -> np.ndarray:
@@ -166,7 +166,7 @@ class WorstEigenvalue(Criterion):
                 rise = Z[-1, -1] + Z[-1, :-1] @ np.linalg.solve(np.diag(rise + below) - Z[:-1, :-1], Z[:-1, -1])
         return float(rise) if rise > ROUNDING * np.trace(D) else 0.0
 
-    def least_rise(self, M: np.ndarray, t: float) -> float:
+    def least_rise(self, M: np.ndarray, t: np.ndarray) -> np.ndarray:
         return t
 
     def lifts(self, M: np.ndarray, D: np.ndarray, doubt: np.ndarray) -> np.ndarray:
@@ -244,8 +244,8 @@ class Metric:
         """c at P + D less c at P, with the digits of D (n*, n*)."""
         return self.criterion.rise(self.weighed(P), self.weighed(D))
 
-    def least_rise(self, P: np.ndarray, t: float) -> float:
-        """Least rise over all D ≥ 0 with tr(∂c/∂P D) ≥ t."""
+    def least_rise(self, P: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Least rise over all D ≥ 0 with tr(∂c/∂P D) ≥ t, for each t (m,)."""
         return self.criterion.least_rise(self.weighed(P), t)
 
     def lifts(self, P: np.ndarray, D: np.ndarray, doubt: np.ndarray) -> np.ndarray:

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
 from strainsight.errors import InfeasibleError
 from strainsight.ordering import TIE, index_of_largest
-from strainsight.placement.increment import Slopes, least_increments, removal, sharper_bound, slopes, squares
+from strainsight.placement.increment import Modes, least_increments, removals, squares
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import Limits, as_limits
-from strainsight.placement.riccati import Loop, close_loop, information, relative_residual
-from strainsight.placement.scenario import Aggregate, Pool, aggregated, fewest_gauges, refine
+from strainsight.placement.riccati import Loop, close_loop, information
+from strainsight.placement.scenario import Aggregate, Pool, aggregated, fewest_gauges, refine, refine_with_residual
 from strainsight.placement.witness import Guard, Remaining
 
 NOTHING = 1e-12
 """Rises and bounds below this share of the largest bound are rounding, and count as zero."""
+AT_ONCE = 64
+"""Gauges whose bounds are sharpened at once."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +50,17 @@ class RemovedGauge:
         return self.costs - self.costs.max() if self.aggregate == "worst" else np.zeros_like(self.costs)
 
     @cached_property
-    def slopes(self) -> list[Slopes]:
-        return [slopes(l, p.metric.gradient(l.P)) for p, l in zip(self.pools, self.loops, strict=True)]
+    def modes(self) -> Modes:
+        return Modes(self.loops)
+
+    @cached_property
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.modes.slopes([p.metric.gradient(l.P) for p, l in zip(self.pools, self.loops, strict=True)])
 
     @cached_property
     def bounds(self) -> np.ndarray:
         """Least rise of each scenario (scenarios, m), by its slope in the weight of each gauge."""
-        bounds = np.array([squares(self.left.product(i, s.factor)) for i, s in enumerate(self.slopes)])
+        bounds = np.array([squares(self.left.product(i, factor)) for i, factor in enumerate(self.slopes[0])])
         return np.where(bounds > NOTHING * bounds.max(axis=1, keepdims=True), bounds, 0.0)
 
     @cached_property
@@ -63,7 +69,7 @@ class RemovedGauge:
         bounds = self.bounds.copy()
         for i, (pool, loop) in enumerate(zip(self.pools, self.loops, strict=True)):
             if not pool.metric.smooth:
-                B = self.left.product(i, loop.P @ loop.U)
+                B = self.left.product(i, loop.P)
                 rise = pool.metric.lifts(loop.P, *least_increments(loop, B, pool.metric.states))
                 bounds[i] = np.maximum(bounds[i], rise)
         return bounds
@@ -74,74 +80,66 @@ class RemovedGauge:
         return NOTHING * float(self.lifted.max())
 
     def together(self, parts: np.ndarray) -> np.ndarray:
-        """Rise of the aggregate from those of the scenarios (scenarios, ...)."""
+        """Rise of the aggregate from those of the scenarios (scenarios, ...), zero below rounding."""
         level = self.level.reshape(-1, *[1] * (parts.ndim - 1))
-        return aggregated(level + parts, self.aggregate)
+        rise = aggregated(level + parts, self.aggregate)
+        return np.where(rise > self.rounding, rise, 0.0)
 
-    def rounded(self, parts: np.ndarray) -> float:
-        """Rise of the aggregate, zero below rounding."""
-        rise = float(self.together(parts))
-        return rise if rise > self.rounding else 0.0
+    def sharpened(self, places: np.ndarray) -> np.ndarray:
+        """Refined bounds of the aggregate's rise (k,)."""
+        parts = self.lifted[:, places]
+        for first in range(0, len(places), AT_ONCE):
+            span = np.s_[first : first + AT_ONCE]
+            rows = self.modes.rows([pool.rows[self.left.index[places[span]]] for pool in self.pools])
+            sharp = self.modes.sharper_bounds(self.slopes[1], rows.swapaxes(0, 1))
+            for part, bound, pool, loop in zip(parts[:, span], sharp.T, self.pools, self.loops, strict=True):
+                part[:] = np.where(part > 0, np.maximum(part, pool.metric.least_rise(loop.P, bound)), 0.0)
+        return self.together(parts)
 
-    def sharpened(self, at: int, best: float) -> tuple[float, np.ndarray]:
-        """Refined bound of the aggregate's rise and its parts (scenarios,), until it exceeds the best value."""
-        parts = self.lifted[:, at].copy()
-        for i, (pool, s) in enumerate(zip(self.pools, self.slopes, strict=True)):
-            if parts[i] > 0:
-                bound = sharper_bound(s, pool.rows[self.left.index[at]])
-                parts[i] = max(parts[i], pool.metric.least_rise(s.loop.P, bound))
-            if self.together(parts) > max(best * (1 + TIE), self.rounding):
-                break
-        return self.rounded(parts), parts
-
-    def exactly(self, at: int, bounds: np.ndarray, best: float) -> tuple[float, list[np.ndarray] | None, int]:
-        """The rise of the aggregate, D of every scenario and the solves; None as soon as a scenario loses an unknown or as
-        the exact parts and the bounds (scenarios,) of the others together exceed the best value."""
-        parts, increments = bounds.copy(), []
-        for i, (pool, loop) in enumerate(zip(self.pools, self.loops, strict=True)):
-            s, block = pool.scenario, pool.rows[self.left.index[at]]
-            D = removal(s.F, s.Q, loop, block, partial(pool.stacked, self.left.without(at)), pool.modes)
-            if D is None:
-                return np.inf, None, i + 1
-            increments.append(D)
-            parts[i] = pool.metric.rise(loop.P, D)
-            if self.together(parts) > max(best * (1 + TIE), self.rounding):
-                return np.inf, None, i + 1
-        return self.rounded(parts), increments, len(self.pools)
+    def exactly(self, at: int) -> tuple[float, list[np.ndarray] | None]:
+        """The rise of the aggregate and D of every scenario; None if one loses an unknown."""
+        without, gauge = self.left.without(at), self.left.index[at]
+        blocks = [pool.rows[gauge] for pool in self.pools]
+        increments = removals(self.pools, self.modes, blocks, lambda i: self.pools[i].stacked(without))
+        if increments is None:
+            return np.inf, None
+        each = zip(self.pools, self.loops, increments, strict=True)
+        return float(self.together(np.array([pool.metric.rise(loop.P, D) for pool, loop, D in each]))), increments
 
 
 def least_missed(step: RemovedGauge, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
     """The gauge with the smallest rise, None if every removal costs infinity; the number of exact solves; the bounds. relief
     (m,): rises count per relief, gauges without relief stay; default 1."""
     left = step.left
-    worth, least = step.together(step.bounds), step.together(step.lifted)
+    worth = aggregated(step.level[:, None] + step.bounds, step.aggregate)
     per = np.ones(len(worth)) if relief is None else relief
-    least = np.where(least > step.rounding, least, 0.0)
-    waiting = np.divide(least, per, out=np.full(len(worth), np.inf), where=left.movable & (per > 0))
+    waiting = np.divide(
+        step.together(step.lifted), per, out=np.full(len(worth), np.inf), where=left.movable & (per > 0)
+    )
     exact: dict[int, tuple[float, list[np.ndarray]]] = {}
     best, solves = np.inf, 0
+
+    def evaluate(at: int) -> float:
+        nonlocal solves
+        value, increments = step.exactly(at)
+        solves += len(step.pools)
+        if increments is not None:
+            exact[at] = value, increments
+        return value / per[at]
+
     while best == np.inf:
         at = int(np.argmin(waiting))
         if waiting[at] == np.inf:
             return None, solves, worth
-        value, increments, number = step.exactly(at, step.lifted[:, at], best)
-        solves += number
+        best = evaluate(at)
         waiting[left.twins(at)] = np.inf
-        if increments is not None:
-            exact[at], best = (value, increments), value / per[at]
-    doubtful = [
-        (bound / per[at], at, parts)
-        for at in left.one_of_each(np.flatnonzero(waiting <= best * (1 + TIE)))
-        for bound, parts in [step.sharpened(at, best * per[at])]
-    ]
-    for bound, at, parts in sorted(doubtful, key=lambda entry: entry[:2]):
+    doubtful = left.one_of_each(np.flatnonzero(waiting <= best * (1 + TIE)))
+    bounds = step.sharpened(doubtful) / per[doubtful]
+    for at, bound in sorted(zip(doubtful.tolist(), bounds.tolist(), strict=True), key=lambda entry: entry[::-1]):
         # of rises of zero the first one is taken, and one more shows that it is a tie: all gauges may be such
         if bound > best * (1 + TIE) or (best == 0 and [rise for rise, _ in exact.values()].count(0.0) > 1):
             break
-        value, increments, number = step.exactly(at, parts, best * per[at])
-        solves += number
-        if increments is not None:
-            exact[at], best = (value, increments), min(best, value / per[at])
+        best = min(best, evaluate(at))
     # twins cost the same without being evaluated
     as_good = sorted(
         (int(left.index[twin]), int(twin), at)
@@ -249,8 +247,8 @@ def _descend(
         left.remove(place.at)
         for i, (pool, D) in enumerate(zip(pools, place.increments, strict=True)):
             G = left.information(i)
-            P = refine(pool, G, loops[i].P + D)
-            residual = max(residual, relative_residual(pool.scenario.F, pool.scenario.Q, G, P))
+            P, error = refine_with_residual(pool, G, loops[i].P + D)
+            residual = max(residual, error)
             loops[i] = close_loop(pool.scenario.F, G, P)
             costs[i] = pool.metric.value(P)
         removed.append((place.gauge, place.rise, place.ties))
@@ -272,7 +270,8 @@ def _descend(
 
 
 def _blocks(pools: Sequence[Pool], loops: Sequence[Loop], costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
-    at = np.flatnonzero(np.any([p.metric.weight > 0 for p in pools], axis=0))
+    size = min(len(p.metric.weight) for p in pools)
+    at = np.flatnonzero(np.any([p.metric.weight[-size:] > 0 for p in pools], axis=0)) - size
     root = [np.sqrt(p.metric.weight[at]) for p in pools]
     parts = np.array([np.diag(l.P)[at] * (w * w) for w, l in zip(root, loops, strict=True)])
     return parts.mean(axis=0) if aggregate == "mean" else parts[index_of_largest(costs)]

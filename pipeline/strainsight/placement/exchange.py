@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from strainsight.ordering import TIE, tied_order
-from strainsight.placement.increment import addition, gauge_gradients, removal
+from strainsight.placement.increment import Modes, additions, gauge_gradients, gradients_by, removals
 from strainsight.placement.limits import Limits, Swaps, as_limits
 from strainsight.placement.riccati import Loop, close_loop, information
 from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, loop_of, loops_of, refine
@@ -37,14 +36,13 @@ def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggre
     return chosen
 
 
-def with_gauge(pools: Sequence[Pool], loops: Sequence[Loop], gauge: int) -> list[Loop]:
+def with_gauge(pools: Sequence[Pool], modes: Modes, gauge: int) -> list[Loop]:
     """The loops of all scenarios with an additional gauge."""
     grown = []
-    for pool, loop in zip(pools, loops, strict=True):
-        block = pool.rows[gauge]
+    blocks = [pool.rows[gauge] for pool in pools]
+    for pool, loop, block, D in zip(pools, modes.loops, blocks, additions(pools, modes, blocks), strict=True):
         G = loop.information.with_rows(block)
-        P = loop.P + addition(pool.scenario.F, pool.scenario.Q, loop, block)
-        grown.append(close_loop(pool.scenario.F, G, refine(pool, G, P)))
+        grown.append(close_loop(pool.scenario.F, G, refine(pool, G, loop.P + D)))
     return grown
 
 
@@ -55,7 +53,12 @@ def costs_of(pools: Sequence[Pool], loops: Sequence[Loop]) -> np.ndarray:
 
 def gradients_of(pools: Sequence[Pool], loops: Sequence[Loop], at: np.ndarray | slice = slice(None)) -> np.ndarray:
     """φ of each scenario and gauge `at`: largest worth of an absent gauge, least worth of a present one."""
-    return np.array([gauge_gradients(l, p.rows[at], p.metric.gradient(l.P)) for p, l in zip(pools, loops, strict=True)])
+    return gauge_gradients(loops, [p.rows[at] for p in pools], gradients_at(pools, loops))
+
+
+def gradients_at(pools: Sequence[Pool], loops: Sequence[Loop]) -> list[np.ndarray]:
+    """Gradient of the metric of each scenario."""
+    return [p.metric.gradient(l.P) for p, l in zip(pools, loops, strict=True)]
 
 
 def _room(limits: Limits, chosen: np.ndarray) -> np.ndarray:
@@ -68,13 +71,13 @@ def _room(limits: Limits, chosen: np.ndarray) -> np.ndarray:
 def _most_telling(
     pools: Sequence[Pool], loops: Sequence[Loop], room: np.ndarray, aggregate: Aggregate
 ) -> tuple[int, list[Loop]]:
-    costs = costs_of(pools, loops)
+    costs, modes = costs_of(pools, loops), Modes(loops)
     bounds = aggregated(costs[:, None] - gradients_of(pools, loops)[:, room], aggregate)
     best, exact = np.inf, dict[int, tuple[float, list[Loop]]]()
     for at in np.argsort(bounds, kind="stable"):
         if bounds[at] > best * (1 + TIE):
             break
-        grown = with_gauge(pools, loops, int(room[at]))
+        grown = with_gauge(pools, modes, int(room[at]))
         cost = float(aggregated(costs_of(pools, grown), aggregate))
         best = min(best, cost)
         exact[int(room[at])] = cost, grown
@@ -110,8 +113,8 @@ def exchange(
         swap (i out, j in):  f ≥ agg(f_s + min over i of φ_i − φ_j),   φ_g = tr(h_g P X P h_gᵀ) of the present set
 
     Gauges j are tried in the order of that bound and left where it promises nothing; j is then added exactly, and only
-    the i whose removal bound in the enlarged set allows a gain are removed exactly. The first swap that helps is made; of
-    equal ones, that of the lower indices.
+    the i whose removal bounds in the enlarged set (`Modes.sharper_bounds`) allow a gain are removed exactly. The first swap
+    that helps is made; of equal ones, that of the lower indices.
     gauges: a set that detects every unknown; limits: of which every set on the way breaks none;
     if they permit j in addition to the set, j is added and none leaves. limit: of exact solves."""
     chosen = np.sort(np.asarray(gauges, dtype=int))
@@ -155,7 +158,8 @@ def _first_gain(
     swaps = Swaps(limits, chosen, movable)
     if not len(others) or not (len(movable) or swaps.room.any()):
         return None, 0, False
-    costs, gradients = costs_of(pools, loops), gradients_of(pools, loops)
+    costs, modes = costs_of(pools, loops), Modes(loops)
+    gradients = gradients_of(pools, loops)
     least = gradients[:, movable].min(axis=1, initial=np.inf)
     # nothing leaves where there is room
     fall = gradients[:, others] - np.where(swaps.room[others], 0.0, least[:, None])
@@ -170,24 +174,30 @@ def _first_gain(
             continue
         if solves + len(pools) > limit:
             return None, solves, True
-        grown = with_gauge(pools, loops, into)
+        grown = with_gauge(pools, modes, into)
         solves += len(pools)
         after = costs_of(pools, grown)
         if swaps.room[into]:
             if float(aggregated(after, aggregate)) < enough:
                 return (-1, into, grown), solves, False
             continue
-        bounds = aggregated(after[:, None] + gradients_of(pools, grown, movable), aggregate)
+        more = Modes(grown)
+        factor, X = more.slopes(gradients_at(pools, grown))
+        rows = [pool.rows[movable] for pool in pools]
+        bounds = aggregated(after[:, None] + gradients_by(factor, rows), aggregate)
         bounds[~may] = np.inf
+        sharper = aggregated(after[:, None] + _least_rises(pools, more, X, rows), aggregate)
         for i in tied_order(bounds):
             if bounds[i] >= enough:
                 break
+            if sharper[i] >= enough:
+                continue
             if solves + len(pools) > limit:
                 return None, solves, True
             out = int(movable[i])
-            swapped, number = _without(pools, grown, out, _swap(chosen, out, into))
-            solves += number
-            if swapped is not None and _cost(pools, swapped, aggregate) < enough:
+            swapped = _without(pools, more, out, _swap(chosen, out, into), enough, aggregate)
+            solves += len(pools)
+            if swapped is not None:
                 return (out, into, swapped), solves, False
     return None, solves, False
 
@@ -196,15 +206,27 @@ def _swap(chosen: np.ndarray, out: int, into: int) -> np.ndarray:
     return np.sort(np.append(chosen[chosen != out], into))
 
 
-def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: np.ndarray) -> tuple[list[Loop] | None, int]:
-    swapped = []
-    for number, (pool, loop) in enumerate(zip(pools, loops, strict=True), start=1):
-        s, rows = pool.scenario, pool.stacked(rest)
-        D = removal(s.F, s.Q, loop, pool.rows[out], partial(np.asarray, rows), pool.modes)
-        if D is None:
-            return None, number
-        swapped.append(loop_of(pool, rest, refine(pool, information(rows), loop.P + D)))
-    return swapped, len(pools)
+def _least_rises(pools: Sequence[Pool], modes: Modes, X: np.ndarray, rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Lower bounds (s, k) of what the removal of each gauge adds to the metric; X of `Modes.slopes`, rows (k, c, n)."""
+    bounds = modes.sharper_bounds(X, modes.rows(rows).swapaxes(0, 1)).T
+    each = zip(pools, modes.loops, bounds, strict=True)
+    return np.array([pool.metric.least_rise(loop.P, bound) for pool, loop, bound in each])
+
+
+def _without(
+    pools: Sequence[Pool], modes: Modes, out: int, rest: np.ndarray, enough: float, aggregate: Aggregate
+) -> list[Loop] | None:
+    """The loops without a gauge, None if the metric is not below `enough`."""
+    D = removals(pools, modes, [pool.rows[out] for pool in pools], lambda i: pools[i].stacked(rest))
+    if D is None:
+        return None
+    P = [loop.P + d for loop, d in zip(modes.loops, D, strict=True)]
+    if (
+        float(aggregated(np.array([p.metric.value(each) for p, each in zip(pools, P, strict=True)]), aggregate))
+        >= enough
+    ):
+        return None
+    return [loop_of(p, rest, refine(p, information(p.stacked(rest)), each)) for p, each in zip(pools, P, strict=True)]
 
 
 def _cost(pools: Sequence[Pool], loops: Sequence[Loop], aggregate: Aggregate) -> float:

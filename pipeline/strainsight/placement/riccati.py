@@ -76,20 +76,30 @@ CLOSE = 1e-3
 
 @dataclass(frozen=True)
 class Loop:
-    """Closed loop A = F − P G of a filter with its real Schur form A = U T Uᵀ; abscissa: max Re λ(A) [1/s]. factor R (k, n), G =
-    RᵀR, if the sum G is not accurate enough, else None."""
+    """Closed loop A = F − P G of a filter; factor R (k, n), G = RᵀR, if the sum G is not accurate enough, else None."""
 
     P: np.ndarray
     information: Information
     A: np.ndarray
-    T: np.ndarray
-    U: np.ndarray
-    abscissa: float
     factor: np.ndarray | None
 
     @property
     def G(self) -> np.ndarray:
         return self.information.G
+
+    @cached_property
+    def schur(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """T, U of the real Schur form A = U T Uᵀ, and the abscissa max Re λ(A) [1/s]."""
+        T, _, real, _, U, _, info = dgees(_unsorted, self.A, lwork=16 * len(self.A))
+        if info != 0:
+            raise NumericalError(
+                f"the Schur form of the filter matrix F − P HᵀR⁻¹H did not converge (LAPACK dgees {info})"
+            )
+        return T, U, float(real.max())
+
+    @property
+    def abscissa(self) -> float:
+        return self.schur[2]
 
     @property
     def stable(self) -> bool:
@@ -97,34 +107,24 @@ class Loop:
 
 
 def close_loop(F: np.ndarray, G: Information, P: np.ndarray) -> Loop:
-    """A = F − P G and its Schur form; F (n, n) [1/s], G of the gauges, P (n, n)."""
+    """A = F − P G; F (n, n) [1/s], G of the gauges, P (n, n)."""
     R = G.needed(P)
-    A = F - (P @ G.G if R is None else (P @ R.T) @ R)
-    T, _, real, _, U, _, info = dgees(_unsorted, A, lwork=16 * len(A))
-    if info != 0:
-        raise NumericalError(f"the Schur form of the filter matrix F − P HᵀR⁻¹H did not converge (LAPACK dgees {info})")
-    return Loop(P, G, A, T, U, float(real.max()), R)
+    return Loop(P, G, F - (P @ G.G if R is None else (P @ R.T) @ R), R)
 
 
-def lyapunov(loop: Loop, S: np.ndarray) -> np.ndarray:
-    """X of A X + X Aᵀ + S = 0, S symmetric (n, n): A = U T Uᵀ, so T Y + Y Tᵀ = −UᵀSU and X = U Y Uᵀ."""
-    X = loop.U @ lyapunov_in_schur(loop, loop.U.T @ S @ loop.U) @ loop.U.T
-    return 0.5 * (X + X.T)
+def lyapunov(loop: Loop, S: np.ndarray, adjoint: bool = False) -> np.ndarray:
+    """Solve a Lyapunov equation by the Schur form of A, S symmetric (n, n):
 
+        A X + X Aᵀ + S = 0,     T Y + Y Tᵀ = −UᵀSU,   X = U Y Uᵀ;     adjoint:  Aᵀ X + X A + S = 0
 
-def lyapunov_in_schur(loop: Loop, S: np.ndarray, adjoint: bool = False) -> np.ndarray:
-    """Solve T Y + Y Tᵀ + S = 0, S symmetric (n, n). X = U Y Uᵀ satisfies A X + X Aᵀ + U S Uᵀ = 0. adjoint: Tᵀ Y + Y T + S = 0."""
+    The adjoint gives tr(S Y) = tr(X Z) wherever A Y + Y Aᵀ + Z = 0."""
+    T, U, _ = loop.schur
     first, second = "TN" if adjoint else "NT"
-    Y, scale, info = dtrsyl(loop.T, loop.T, -S, trana=first, tranb=second)
+    Y, scale, info = dtrsyl(T, T, -(U.T @ S @ U), trana=first, tranb=second)
     if info < 0:
         raise NumericalError(f"a Lyapunov equation was not solved (LAPACK dtrsyl {info})")
-    return (0.5 / scale) * (Y + Y.T)
-
-
-def adjoint_lyapunov(loop: Loop, W: np.ndarray) -> np.ndarray:
-    """X of Aᵀ X + X A + W = 0, W symmetric (n, n): tr(W Y) = tr(X S) wherever A Y + Y Aᵀ + S = 0."""
-    X = loop.U @ lyapunov_in_schur(loop, loop.U.T @ W @ loop.U, adjoint=True) @ loop.U.T
-    return 0.5 * (X + X.T)
+    X = U @ Y @ U.T
+    return np.asarray((0.5 / scale) * (X + X.T))
 
 
 def relative_residual(F: np.ndarray, Q: np.ndarray, G: Information, P: np.ndarray) -> float:

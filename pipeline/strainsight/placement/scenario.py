@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -191,17 +192,23 @@ def subset_covariance(pool: Pool, gauges: Gauges) -> np.ndarray | None:
 
 def refine(pool: Pool, G: Information, P: np.ndarray | None) -> np.ndarray:
     """P polished if its residual exceeds 1e-12; solved again from None, or if polishing does not reach 1e-10."""
+    return refine_with_residual(pool, G, P)[0]
+
+
+def refine_with_residual(pool: Pool, G: Information, P: np.ndarray | None) -> tuple[np.ndarray, float]:
+    """`refine`, and the relative residual of its result."""
     s = pool.scenario
     if P is not None:
-        if relative_residual(s.F, s.Q, G, P) <= 1e-12:
-            return P
-        try:
+        error = relative_residual(s.F, s.Q, G, P)
+        if error <= 1e-12:
+            return P, error
+        with suppress(NumericalError):
             P = polish(s.F, s.Q, G, P, steps=2)
-        except NumericalError:
-            return solve_anew(s.F, s.Q, G)
-        if relative_residual(s.F, s.Q, G, P) <= ACCEPTED:
-            return P
-    return solve_anew(s.F, s.Q, G)
+            error = relative_residual(s.F, s.Q, G, P)
+            if error <= ACCEPTED:
+                return P, error
+    P = solve_anew(s.F, s.Q, G)
+    return P, relative_residual(s.F, s.Q, G, P)
 
 
 def fewest_gauges(pools: Sequence[Pool]) -> tuple[int, int]:
@@ -241,7 +248,7 @@ def loops_of(pools: Sequence[Pool], gauges: Gauges) -> list[Loop] | None:
 
 def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
     """Mean or maximum over the scenarios, the first axis."""
-    return costs.mean(axis=0) if aggregate == "mean" else costs.max(axis=0)
+    return np.asarray(costs.sum(axis=0) / len(costs) if aggregate == "mean" else costs.max(axis=0))
 
 
 def weight_of_pools(pools: Sequence[Pool], unknown: np.ndarray) -> np.ndarray:
@@ -266,6 +273,31 @@ def thesis_weight(size: int, unknown: np.ndarray, scale: np.ndarray) -> np.ndarr
     return weight
 
 
+def in_reached_states(pool: Pool, last: int) -> Pool:
+    """The pool without the states that the process noise does not reach, but for the last ones; with any of its gauges
+
+        P = [P_rr, 0; 0, 0],   where P_rr solves (5.14) with F_rr, Q_rr and G_rr
+
+    such as bending about an axis about which no load acts. The pool itself if P_rr does not solve it to 1e-12."""
+    reached = np.diag(pool.P) > 0.5
+    reached[len(reached) - last :] = True
+    inner, s, modes = np.ix_(reached, reached), pool.scenario, pool.modes
+    F, Q, P, rows = s.F[inner], s.Q[inner], pool.P[inner], pool.rows[..., reached]
+    residual = relative_residual(F, Q, information(rows.reshape(-1, len(F))), P)
+    if reached.all() or residual > REACHED:
+        return pool
+    return Pool(
+        replace(s, F=F, Q=Q, H=s.H[..., reached], weight=s.weight[reached]),
+        rows,
+        pool.scale[reached],
+        P,
+        residual,
+        MarginalModes(modes.eigenvalue, tuple(V[reached] for V in modes.vectors), modes.scale[reached]),
+    )
+
+
+REACHED = 1e-12
+"""Largest relative residual without the states that noise does not reach."""
 LARGE = 60
 """Number of states from which a pool is searched in its slow motions."""
 AGREES = 1e-3
@@ -281,7 +313,8 @@ def slow_pools(pools: Sequence[Pool], motions: int, unknowns: np.ndarray) -> tup
     """The scenarios in as few slow motions as leave σ of the unknowns what it is, to `AGREES` with the whole pool; the pools
     themselves where they have up to `LARGE` states, or where that takes more than `WORTH` of them.
 
-    pools: of x* = [q (motions,), q̇, unknowns and what their models add]; unknowns (u,): indices in x* of what has to agree."""
+    pools: of x* = [q (motions,), q̇, unknowns and what their models add]; unknowns (u,): what has to agree, numbered from the last
+    state."""
     size = len(pools[0].P)
     if size <= LARGE:
         return tuple(pools)
@@ -289,7 +322,7 @@ def slow_pools(pools: Sequence[Pool], motions: int, unknowns: np.ndarray) -> tup
     while 2 * count + size - 2 * motions <= WORTH * size:
         selected: list[Pool] = []
         for pool in pools:
-            if (slow := _slow_pool(pool, motions, count, unknowns - size)) is None:
+            if (slow := _slow_pool(pool, motions, count, unknowns)) is None:
                 break
             selected.append(slow)
         else:

@@ -19,7 +19,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=34,
+    version=35,
     reads=(
         "seed",
         "mesh.length_unit",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.experiment.layout.task import Task
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
-from strainsight.placement.criteria import CRITERIA, criterion_of
+from strainsight.placement.criteria import CRITERIA, LogDeterminant, Trace, criterion_of
 from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Pool
@@ -48,14 +49,17 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleCompari
     criterion, fixed, cases = task.settings.criterion, task.limits.fixed, task.cases
     some = _some(np.zeros(len(pools), dtype=int) if cases is None else cases.of)
     whitened = readings.rows / np.sqrt(readings.variance)[..., None]
+
+    @cache
+    def eliminated(name: str) -> np.ndarray | None:
+        return _eliminated(task.under([task.searched[i] for i in some], name, "mean", some), keep, fixed)
+
+    # of a single variance all criteria agree, but for the weights of the trace
+    of_variance = {} if len(task.over) > 1 else dict.fromkeys(task.metrics.keys() - {Trace.name}, LogDeterminant.name)
     sets: dict[str, np.ndarray | None] = {
         "final": final,
         "greedy": greedy,
-        **{
-            name: _eliminated(task.under([task.searched[i] for i in some], name, "mean", some), keep, fixed)
-            for name in task.metrics
-            if name != criterion
-        },
+        **{name: eliminated(of_variance.get(name, name)) for name in task.metrics if name != criterion},
         "effective_independence": effective_independence(whitened, keep),
         "qr_pivoting": qr_pivoting(whitened, keep),
         "d_optimal": d_optimal(readings.rows, readings.variance, readings.prior, keep),

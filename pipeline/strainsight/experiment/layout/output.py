@@ -49,7 +49,7 @@ def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
     """Record of a placement; more: fields specific to structure or bench."""
     task, result, certificate = placement.task, placement.elimination, placement.layout.certificate
     pool, exists, criterion = task.pool, task.pool.channels >= 0, task.criterion
-    solved = [solution.scenario for solution in result.pools]
+    solved = [pool.scenario for pool in task.weighed_pools(task.pools)]
     several = solved[0].H.ndim == 3
     greedy = pool.gauges_of(result.selected)
     cost = {metric_key(criterion.name): result.cost}
@@ -61,7 +61,7 @@ def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
             Q=np.array([s.Q for s in solved]),
             R=np.array([s.r[exists] if several else s.r for s in solved]),
             weight=np.array([s.weight for s in solved]),
-            scale=np.array([solution.scale for solution in result.pools]),
+            scale=np.array([pool.scale for pool in task.pools]),
         ),
         pool=PoolTable(
             candidate=pool.first, channel=pool.channels[exists], row=np.nonzero(exists)[0], gauges=pool.gauges

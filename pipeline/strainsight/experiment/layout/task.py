@@ -16,7 +16,15 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.placement.criteria import CRITERIA, Criterion, Metric, Trace, criterion_of
 from strainsight.placement.limits import FIXED, Limits, limits_of
-from strainsight.placement.scenario import Aggregate, Pool, of_last_states, slow_pools, thesis_weight, weight_of_pools
+from strainsight.placement.scenario import (
+    Aggregate,
+    Pool,
+    in_reached_states,
+    of_last_states,
+    slow_pools,
+    thesis_weight,
+    weight_of_pools,
+)
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.zones import inside
 from strainsight.text import listed
@@ -136,8 +144,8 @@ def _near(
 class UnknownStates:
     """Unknowns among the states x* of a linear problem.
 
-    names (u,); states: names of the last states of x*; at (u,): indices in x*; scale (u,) [unit]: of x*; size (u,): scaling of
-    each for criteria other than the trace."""
+    names (u,); states: names of the last states of x*; at (u,): indices in x*, numbered from its last state; scale (u,)
+    [unit]: of x*; size (u,): scaling of each for criteria other than the trace."""
 
     names: tuple[str, ...]
     states: tuple[str, ...]
@@ -231,6 +239,17 @@ class Task:
         return {c.name: Metric(weight if isinstance(c, Trace) else plain, c) for c in CRITERIA}
 
     def under(
+        self,
+        pools: Sequence[Pool],
+        criterion: str = "",
+        aggregate: Aggregate | None = None,
+        at: Sequence[int] | None = None,
+    ) -> list[Pool]:
+        """`weighed_pools` without the states that the process noise does not reach."""
+        last = len(self.unknowns.states)
+        return [in_reached_states(pool, last) for pool in self.weighed_pools(pools, criterion, aggregate, at)]
+
+    def weighed_pools(
         self,
         pools: Sequence[Pool],
         criterion: str = "",

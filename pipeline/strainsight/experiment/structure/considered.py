@@ -299,11 +299,10 @@ HOLDS = 1.25
 
 
 def variances(problem: Problem, claim: ClaimedStd) -> tuple[np.ndarray, Shares]:
-    """σ² (B, k) of every unknown in B layouts, and the budget of the first: final values for constant parameters, else the mean
-    of the last half."""
+    """σ² (B, k) of every unknown in B layouts, and the budget of the first, of a claim since `first_instant`."""
     at = problem.unknowns.position(problem.model)
-    whole = _late(problem, claim.std[:, :, at] ** 2)
-    part = {source: _late(problem, values[:, at]) for source, values in claim.budget.items()}
+    whole = _mean_or_last(problem, claim.std[:, :, at] ** 2)
+    part = {source: _mean_or_last(problem, values[:, at]) for source, values in claim.budget.items()}
     names = problem.unknowns.names
     return whole, {
         name: {source: float(v[i] / whole[0, i]) for source, v in part.items()} for i, name in enumerate(names)
@@ -333,16 +332,16 @@ def budget_of(
     missing = np.zeros((len(u), 1, len(channels)))
     missing[model.every - 1 :: model.every, 0] = np.isnan(record.samples)
     at = replace(at, r=at.r * np.where(missing > 0, SILENT, 1.0) if missing.any() else at.r)
-    by_grid = problem.method == "grid"
+    by_grid, first = problem.method == "grid", first_instant(problem, len(u) + 1)
     start = np.diag(record.covariance)[model.motion]
     motion = _motion(at, theta, u, x[:, model.motion], start, record.settled if by_grid else None)
     if by_grid:
         considered = build_considered(tolerances, at, channels)
-        claim = predict_grid_std(at, motion, u, record.covariance, considered, record.settled)
+        claim = predict_grid_std(at, motion, u, record.covariance, considered, record.settled, first)
     else:
-        claim = covariance_recursion(at, motion, u, record.covariance)
+        claim = covariance_recursion(at, motion, u, record.covariance, first=first)
     whole, shares = variances(problem, claim)
-    claimed = _late(problem, run.std[:, 0, problem.unknowns.position(problem.model)] ** 2)
+    claimed = _mean_or_last(problem, run.std[first:, 0, problem.unknowns.position(problem.model)] ** 2)
     ratio = dict(zip(problem.unknowns.names, np.sqrt(whole[0] / claimed).tolist(), strict=True))
     accurate = {name: share for name, share in shares.items() if 1 / HOLDS <= ratio[name] <= HOLDS}
     return accurate, tuple(
@@ -379,9 +378,14 @@ def _motion(
     return simulate(model.model, theta, u, model.h, std * np.linalg.solve(normal, right))
 
 
-def _late(problem: Problem, variance: np.ndarray) -> np.ndarray:
-    """Variances (..., k) from (T, ..., k): final values for constants, else the mean of the last half."""
-    late = np.mean(variance[len(variance) // 2 :], axis=0)
+def first_instant(problem: Problem, instants: int) -> int:
+    """First of the instants whose variances count: the last one for constant parameters alone, else half of them."""
+    return instants // 2 if problem.unknowns.inputs or problem.drifting else instants - 1
+
+
+def _mean_or_last(problem: Problem, variance: np.ndarray) -> np.ndarray:
+    """Variances (..., k) from (T, ..., k): final values for constants, else the mean."""
+    late = np.mean(variance, axis=0)
     if not problem.drifting:
         late[..., len(problem.unknowns.inputs) :] = variance[-1, ..., len(problem.unknowns.inputs) :]
     return np.asarray(late)

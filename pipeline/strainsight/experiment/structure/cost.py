@@ -113,8 +113,8 @@ def cost_of_place(config: PlacementConfig, size: Size) -> Cost | None:
 
 def cost_of_pool(m: int, n: int, s: int) -> Cost:
     """Cost of `place` with m candidates, n states and s scenarios."""
-    each = 3.9e-3 + 4.1e-6 * n**2 + 8.3e-8 * n**3
-    return Cost(3.4 + s * m * each, 0.15 + 6e-8 * s * m * n)
+    each = 2.4e-3 + s * (1.2e-6 * n**2 + 5.8e-8 * n**3)
+    return Cost(3.4 + m * each, 0.15 + 6e-8 * s * m * n)
 
 
 def of_pool_in_words(config: PlacementConfig, m: int, n: int) -> str:

@@ -13,7 +13,7 @@ from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.placement import Placement
 from strainsight.experiment.structure.candidates import of_channels
-from strainsight.experiment.structure.considered import Tolerated, build_considered, variances
+from strainsight.experiment.structure.considered import Tolerated, build_considered, first_instant, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
 from strainsight.ordering import index_of_largest
 from strainsight.placement.score import redundant_groups, score
@@ -23,24 +23,24 @@ from strainsight.runner.output import Table
 from strainsight.sensors.candidates import STRAIN, UNITS
 
 
-def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> Expectation:
+def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated, failures: bool = True) -> Expectation:
     """σ along the training simulation from a 100 % prior, tolerances included, and its variance by source.
 
     For a constant parameter the final σ, else the RMS over the last half. gauges (k,): numbers; tolerances: at least of their
-    channels. The failure of a gauge is modelled by very large noise."""
+    channels; failures: whether σ without each gauge is wanted. The failure of a gauge is modelled by very large noise."""
     channels = problem.channels.of(gauges)
     exists = channels >= 0
     flat, owner = channels[exists], np.nonzero(exists)[0]
-    silent = np.where(owner == np.arange(-1, len(gauges))[:, None], SILENT, 1.0)
+    silent = np.where(owner == np.arange(-1, len(gauges) if failures else 0)[:, None], SILENT, 1.0)
     model = filter_model(problem, flat, problem.h)
     model = replace(model, r=model.r * silent)
     start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
-    considered = build_considered(tolerances, model, flat)
+    considered, first = build_considered(tolerances, model, flat), first_instant(problem, len(problem.x))
     if problem.method == "grid":
         settled = settled_under(problem, problem.loading)
-        claim = predict_grid_std(model, problem.x, problem.u, start, considered, settled)
+        claim = predict_grid_std(model, problem.x, problem.u, start, considered, settled, first)
     else:
-        claim = covariance_recursion(model, problem.x, problem.u, start, considered)
+        claim = covariance_recursion(model, problem.x, problem.u, start, considered, first)
     if not np.isfinite(claim.std).all():
         raise NumericalError(
             "the predicted σ in the training simulation (stage `train`) is not finite",

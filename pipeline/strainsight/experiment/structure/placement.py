@@ -237,7 +237,7 @@ class _OnStructure(Subject):
             UnknownStates(
                 unknowns.names,
                 unknowns.state_names,
-                np.asarray(unknowns.position(problem.model)),
+                np.asarray(unknowns.position(problem.model)) - len(pools[0].P),
                 unknowns.scale if cases is None else cases.amplitude(),
                 np.ones(len(unknowns.names)),
             ),

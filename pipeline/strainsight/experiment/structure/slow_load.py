@@ -42,7 +42,7 @@ def slow_load_advice(
     factor = slowness(problem)
     if problem.unknowns.inputs or not limited or not 1 < factor < SLOWEST:
         return
-    slow = expectation(slowed(problem, factor), gauges, tolerances)
+    slow = expectation(slowed(problem, factor), gauges, tolerances, failures=False)
     for name in limited:
         if slow.std[name] > BETTER * expected.std[name]:
             continue

@@ -147,7 +147,7 @@ class _Body(Subject):
         whole = None
         if self.every is not None and len(gauges) < len(candidates):
             whole = Whole(*self.every, gauges, self.task_of)
-        at = np.arange(2 * modes, 2 * modes + len(inputs))
+        at = np.arange(-len(inputs), 0)
         return Task(
             UnknownStates(inputs, inputs, at, self.scale, linear.increment),
             solved,
