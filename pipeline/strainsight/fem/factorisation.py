@@ -213,7 +213,13 @@ def factorise(A: sparse.csr_array) -> Factor:
         if np.any(factor.U.diagonal() <= 0):
             raise NumericalError(NOT_DEFINITE, remedy=MECHANISM) from None
         solve, name = factor.solve, "SuperLU"
-    return Factor(size, name, lambda B: scale[:, None] * solve(scale[:, None] * B))
+
+    def scaled_solve(B: np.ndarray) -> np.ndarray:
+        X = solve(np.multiply(scale[:, None], B, order="F"))
+        X *= scale[:, None]
+        return X
+
+    return Factor(size, name, scaled_solve)
 
 
 def diagonal_scaling(A: sparse.csr_array) -> np.ndarray:
