@@ -12,8 +12,9 @@ from scipy.linalg import eigh
 
 from strainsight import memory
 from strainsight.errors import UserError
+from strainsight.fem import factorisation
 from strainsight.fem import modes as own
-from strainsight.fem.factorisation import factorise
+from strainsight.fem.factorisation import factorise, factorise_and_keep, factorise_or_reuse
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import REPEATED, combine_repeated, largest, modes
 from strainsight.fem.modes import _orthonormalise as orthonormalise
@@ -309,3 +310,14 @@ def test_orthonormalisation_recovers_small_components():
     assert np.allclose(Q.T @ Mq, 0, atol=1e-12)
     assert np.allclose(q @ R, W - Q @ (Q.T @ W), atol=1e-11)
     assert np.allclose(Q @ C + q @ R, W, atol=1e-11)
+
+
+def test_kept_factor_is_reused_once_and_for_the_same_matrix_only():
+    K, other = chain(N)[0], chain(N, 2.0)[0]
+    kept = factorise_and_keep(K)
+    assert factorise_or_reuse(sparse.csr_array(K.copy())) is kept
+    assert factorise_or_reuse(K) is not kept
+    factorise_and_keep(K)
+    b = np.arange(1.0, N + 1)
+    assert np.allclose(other @ factorise_or_reuse(other).solve(b), b)
+    assert not factorisation._KEPT

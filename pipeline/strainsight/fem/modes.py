@@ -23,6 +23,8 @@ from strainsight.memory import require_memory
 
 DEPENDENT = 1e-14
 """Share of the M-norm of A⁻¹M q below which its part M-orthogonal to all q is rounding."""
+NEGLIGIBLE, WELL_CONDITIONED = 1e-13, 1e-6
+"""Components of unit vectors, and smallest ratio of the squared lengths in a block, for which M W is not computed again."""
 MOST, ROWS = 1000, 8192
 """Maximum number of blocks of an iteration, and number of rows that a restart turns at once."""
 
@@ -86,8 +88,10 @@ def _orthonormalise(
     floor = least = DEPENDENT * float(np.sqrt(np.maximum(np.einsum("ij,ij->j", W, MW), 0.0).max(initial=0.0)))
     R, C = np.eye(W.shape[1]), Q.T @ MW
     for first in (True, False):
-        W = W - Q @ (C if first else Q.T @ MW)
-        MW = M @ W
+        share = C if first else Q.T @ MW
+        W = W - Q @ share
+        if first or np.abs(share).max(initial=0.0) > NEGLIGIBLE:
+            MW = M @ W
         G = W.T @ MW
         size, V = eigh(0.5 * (G + G.T))
         longest = float(size[-1]) if len(size) else 0.0
@@ -100,7 +104,7 @@ def _orthonormalise(
             size, V = size[significant], V[:, significant]
         turn = V / np.sqrt(size)
         W, R, floor = W @ turn, np.sqrt(size)[:, None] * (V.T @ R), 0.0
-        MW = M @ W if first else MW @ turn
+        MW = M @ W if first and size[0] < WELL_CONDITIONED * longest else MW @ turn
     return W, MW, R, C
 
 

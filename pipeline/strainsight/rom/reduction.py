@@ -293,9 +293,9 @@ def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None)
     X = X / np.where(norm > 0, norm, 1.0)
     start = 0 if against is None else against.shape[1]
     Q = np.zeros((X.shape[0], start + X.shape[1]))
+    KQ = np.zeros(Q.shape)
     if against is not None:
-        Q[:, :start] = against
-    KQ = K @ Q
+        Q[:, :start], KQ[:, :start] = against, K @ against
     R = np.zeros((Q.shape[1], X.shape[1]))
     rank = start
     for j in range(X.shape[1]):
@@ -304,10 +304,10 @@ def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None)
             share = KQ[:, :rank].T @ w
             w -= Q[:, :rank] @ share
             R[:rank, j] += share
-        remainder = float(_energy_norm(K, w[:, None])[0])
+        Kw = K @ w
+        remainder = float(np.sqrt(max(w @ Kw, 0.0)))
         if remainder > DEPENDENT:
-            Q[:, rank] = w / remainder
-            KQ[:, rank] = K @ Q[:, rank]
+            Q[:, rank], KQ[:, rank] = w / remainder, Kw / remainder
             R[rank, j] = remainder
             rank += 1
     return Q[:, start:rank], R[start:rank]
