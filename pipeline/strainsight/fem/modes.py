@@ -281,7 +281,7 @@ def _block_modes(M: sparse.csr_array, count: int, factor: Factor) -> tuple[np.nd
     or a copy in a cluster of `WIDTH` modes is missing: `_lanczos` resolves that."""
     if factor.lowest is not None:
         return None
-    n, most = M.shape[0], 2 * count + 6 * WIDTH
+    n, most = M.shape[0], max(2 * count + 2 * WIDTH, count + 6 * WIDTH)
     require_memory(8.0 * n * (most + 5 * count), f"computing {count} modes with {n} degrees of freedom")
     start = factor.solve(M @ np.random.default_rng(0).standard_normal((n, WIDTH)))
     try:
