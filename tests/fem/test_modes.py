@@ -1,4 +1,4 @@
-"""Modes against closed forms and published values, also from near ones."""
+"""Modes against closed forms and published values."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from scipy.linalg import eigh
 
 from strainsight import memory
 from strainsight.errors import UserError
+from strainsight.fem import factorisation
 from strainsight.fem import modes as own
-from strainsight.fem.factorisation import factorise
+from strainsight.fem.factorisation import factorise, factorise_and_keep, factorise_or_reuse
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import REPEATED, combine_repeated, largest, modes
 from strainsight.fem.modes import _orthonormalise as orthonormalise
@@ -240,44 +241,41 @@ def of_chain(n: int, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture
 def no_lanczos(monkeypatch):
-    """Lanczos iterations from nothing are an error."""
+    """A search in the complement is an error."""
 
     def refused(*_):
-        raise AssertionError("the near modes were not good enough")
+        raise AssertionError("the block iterations were not enough")
 
     monkeypatch.setattr(own, "_lanczos", refused)
+    monkeypatch.setattr(own, "_no_lower_mode", refused)
 
 
-@pytest.mark.parametrize("off", [0.0, 1e-6, 1e-2])
-def test_modes_from_nearby_shapes_are_exact(off, no_lanczos):
-    exact, shapes = of_chain(N, np.arange(1, COUNT + 3))
-    near = shapes + off * np.random.default_rng(3).standard_normal(shapes.shape) / np.sqrt(N)
-    frequency, found = modes(chain(N)[0], sparse.eye_array(N, format="csr"), COUNT, near=near)
-    assert np.allclose(frequency, exact[:COUNT], rtol=ROUNDING, atol=0)
-    assert np.allclose(np.abs(np.einsum("ij,ij->j", found, shapes[:, :COUNT])), 1.0, rtol=0, atol=1e-12)
+@pytest.mark.parametrize("count", [1, 6, 60])
+def test_block_iterations_agree_with_closed_form(count, no_lanczos):
+    exact, shapes = of_chain(N, np.arange(1, count + 1))
+    frequency, found = modes(chain(N)[0], sparse.eye_array(N, format="csr"), count)
+    assert np.allclose(frequency, exact, rtol=ROUNDING, atol=0)
+    assert np.allclose(np.abs(np.einsum("ij,ij->j", found, shapes)), 1.0, rtol=0, atol=1e-12)
 
 
-def test_mode_orthogonal_to_nearby_shapes_is_found():
-    exact, shapes = of_chain(N, np.arange(1, COUNT + 4))
-    frequency, _ = modes(chain(N)[0], sparse.eye_array(N, format="csr"), COUNT, near=np.delete(shapes, 1, axis=1))
-    assert np.allclose(frequency, exact[:COUNT], rtol=ROUNDING, atol=0)
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-6, 1e-4, 1e-2])
+@pytest.mark.parametrize("copies", [2, 3, own.WIDTH - 1, own.WIDTH, own.WIDTH + 3, 3 * own.WIDTH])
+@pytest.mark.parametrize("cut", [0, 1])
+def test_no_mode_of_a_cluster_is_missing(copies, off, cut):
+    """Equal chains, or nearly equal ones; the last frequency of each cluster is cut off, or not."""
+    factors = 1 + off * np.arange(copies) / copies
+    K = sparse.block_diag([factor * chain(50)[0] for factor in factors], format="csr")
+    exact = np.sqrt(factors[None, :]) * chain(50)[2][:2, None]
+    count = 2 * copies - cut
+    frequency, shapes = modes(sparse.csr_array(K), sparse.eye_array(K.shape[0], format="csr"), count)
+    assert np.allclose(frequency, exact.ravel()[:count], rtol=ROUNDING, atol=0)
+    assert np.allclose(shapes.T @ shapes, np.eye(count), atol=1e-9)
 
 
 def test_of_two_equal_chains_no_copy_of_the_last_frequency_is_cut_off():
     K, M = sparse.block_diag([chain(N)[0]] * 2, format="csr"), sparse.eye_array(2 * N, format="csr")
-    exact, shapes = of_chain(N, np.arange(1, 4))
-    near = np.kron(np.eye(2), shapes)
-    alone = modes(sparse.csr_array(K), M, 3)
-    beside = modes(sparse.csr_array(K), M, 3, near=near)
-    for frequency, found in (alone, beside):
-        assert np.allclose(frequency, exact[[0, 0, 1]], rtol=ROUNDING, atol=0)
-        assert np.allclose(found, alone[1], rtol=0, atol=1e-9)
-
-
-def test_too_few_nearby_vectors_have_no_effect():
-    exact, shapes = of_chain(N, np.arange(1, COUNT + 1))
-    frequency, _ = modes(chain(N)[0], sparse.eye_array(N, format="csr"), COUNT, near=shapes)
-    assert np.allclose(frequency, exact, rtol=ROUNDING, atol=0)
+    exact, _ = of_chain(N, np.arange(1, 4))
+    assert np.allclose(modes(sparse.csr_array(K), M, 3)[0], exact[[0, 0, 1]], rtol=ROUNDING, atol=0)
 
 
 @pytest.mark.parametrize("massive", [60, 9])
@@ -301,20 +299,25 @@ def test_block_iterations_agree_with_dense_solution(massive, most):
     assert np.all(np.linalg.norm(M @ (inverse @ (M @ phi) - mu * phi), axis=0)[:count] <= 2e-11)
 
 
-def test_dependent_start_vectors_have_no_effect():
-    exact, shapes = of_chain(N, np.arange(1, COUNT + 4))
-    for near in (np.hstack([shapes, shapes[:, :1]]), np.hstack([shapes, np.zeros((N, 1))])):
-        frequency, _ = modes(chain(N)[0], sparse.eye_array(N, format="csr"), COUNT, near=near)
-        assert np.allclose(frequency, exact[:COUNT], rtol=ROUNDING, atol=0)
-
-
 def test_orthonormalisation_recovers_small_components():
     rng = np.random.default_rng(2)
     Q = np.linalg.qr(rng.standard_normal((50, 6)))[0]
     W = rng.standard_normal((50, 3)) + 100 * Q @ rng.standard_normal((6, 3))
     M = sparse.eye_array(50, format="csr")
-    q, Mq, R = orthonormalise(Q, M, W, W)
+    q, Mq, R, C = orthonormalise(Q, M, W)
     assert q.shape == (50, 3)
     assert np.allclose(q.T @ Mq, np.eye(3), atol=1e-12)
     assert np.allclose(Q.T @ Mq, 0, atol=1e-12)
     assert np.allclose(q @ R, W - Q @ (Q.T @ W), atol=1e-11)
+    assert np.allclose(Q @ C + q @ R, W, atol=1e-11)
+
+
+def test_kept_factor_is_reused_once_and_for_the_same_matrix_only():
+    K, other = chain(N)[0], chain(N, 2.0)[0]
+    kept = factorise_and_keep(K)
+    assert factorise_or_reuse(sparse.csr_array(K.copy())) is kept
+    assert factorise_or_reuse(K) is not kept
+    factorise_and_keep(K)
+    b = np.arange(1.0, N + 1)
+    assert np.allclose(other @ factorise_or_reuse(other).solve(b), b)
+    assert not factorisation._KEPT

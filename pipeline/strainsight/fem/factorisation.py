@@ -9,6 +9,7 @@ import warnings
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from hashlib import blake2b
 from pathlib import Path
 from threading import current_thread, main_thread
 from typing import Any, Protocol
@@ -213,7 +214,41 @@ def factorise(A: sparse.csr_array) -> Factor:
         if np.any(factor.U.diagonal() <= 0):
             raise NumericalError(NOT_DEFINITE, remedy=MECHANISM) from None
         solve, name = factor.solve, "SuperLU"
-    return Factor(size, name, lambda B: scale[:, None] * solve(scale[:, None] * B))
+
+    def scaled_solve(B: np.ndarray) -> np.ndarray:
+        X = solve(np.multiply(scale[:, None], B, order="F"))
+        X *= scale[:, None]
+        return X
+
+    return Factor(size, name, scaled_solve)
+
+
+_KEPT: list[tuple[bytes, Factor]] = []
+"""Digest of a matrix and its factor, at most one."""
+
+
+def factorise_and_keep(A: sparse.csr_array) -> Factor:
+    """`factorise`; the factor is kept for the next `factorise_or_reuse`, as `rom` follows `modes` with the same matrix."""
+    _KEPT.clear()  # before the memory of the next one is needed
+    factor = factorise(A)
+    _KEPT.append((_digest(A), factor))
+    return factor
+
+
+def factorise_or_reuse(A: sparse.csr_array) -> Factor:
+    """The kept factor if A is the same to the bit, otherwise `factorise`; no factor is kept after it."""
+    kept = _KEPT.pop() if _KEPT else None
+    if kept is not None and kept[0] == _digest(A):
+        return kept[1]
+    del kept
+    return factorise(A)
+
+
+def _digest(A: sparse.csr_array) -> bytes:
+    digest = blake2b()
+    for part in (A.indptr, A.indices, A.data):
+        digest.update(np.ascontiguousarray(part).data)
+    return digest.digest()
 
 
 def diagonal_scaling(A: sparse.csr_array) -> np.ndarray:

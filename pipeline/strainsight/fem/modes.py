@@ -23,8 +23,10 @@ from strainsight.memory import require_memory
 
 DEPENDENT = 1e-14
 """Share of the M-norm of A⁻¹M q below which its part M-orthogonal to all q is rounding."""
-MOST = 1000
-"""Maximum number of blocks of an iteration."""
+NEGLIGIBLE, WELL_CONDITIONED = 1e-13, 1e-6
+"""Components of unit vectors, and smallest ratio of the squared lengths in a block, for which M W is not computed again."""
+MOST, ROWS = 1000, 8192
+"""Maximum number of blocks of an iteration, and number of rows that a restart turns at once."""
 
 
 def largest(
@@ -49,28 +51,26 @@ def largest(
     Raises NumericalError if they do not converge.
     Sources: Grimes, Lewis and Simon, SIAM J. Matrix Anal. Appl. 15 (1994); Wu and Simon, ibid. 22 (2000)."""
     Q, T, used = np.empty((len(start), most), order="F"), np.zeros((0, 0)), 0
-    q, Mq, _ = _orthonormalise(Q[:, :0], M, start, M @ start)
+    q, Mq, _, _ = _orthonormalise(Q[:, :0], M, start)
     for _ in range(MOST):
         behind = used + q.shape[1]
         Q[:, used:behind] = q
-        W = inverse(Mq)
-        MW = M @ W
-        share = Q[:, :behind].T @ MW
+        q, Mq, R, share = _orthonormalise(Q[:, :behind], M, inverse(Mq))
         T = np.block([[T, share[:used]], [share[:used].T, 0.5 * (share[used:] + share[used:].T)]])
-        # the largest M-norm of its columns
-        longest = float(np.sqrt(np.maximum(np.einsum("ij,ij->j", W, MW), 0.0).max(initial=0.0)))
-        W -= Q[:, :behind] @ share
-        q, Mq, R = _orthonormalise(Q[:, :behind], M, W, M @ W, DEPENDENT * longest)
+        if q.shape[1] and behind < count:
+            used = behind
+            continue
         mu, s = eigh(T)
         mu, s = mu[::-1], s[:, ::-1]
         returned = min(count + extra, behind)
         residual = np.linalg.norm(R @ s[used:, :returned], axis=0)
-        if not q.shape[1] or (behind >= count and np.all(residual[:count] <= tolerance * mu[: min(count, behind)])):
+        if not q.shape[1] or np.all(residual[:count] <= tolerance * mu[:count]):
             return mu[:returned], Q[:, :behind] @ s[:, :returned], residual
         used = behind
         if used + q.shape[1] > most:
             used = min(behind, (count + extra + most) // 2)
-            Q[:, :used] = Q[:, :behind] @ s[:, :used]
+            for rows in np.split(Q, range(ROWS, len(Q), ROWS)):  # in place
+                rows[:, :used] = rows[:, :behind] @ s[:, :used]
             T = np.diag(mu[:used])
     raise NumericalError(
         f"the Lanczos iterations for the modes did not converge in {MOST} steps",
@@ -79,19 +79,24 @@ def largest(
 
 
 def _orthonormalise(
-    Q: np.ndarray, M: sparse.csr_array, W: np.ndarray, MW: np.ndarray, least: float = 0.0
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q, Mq (n, r) and R (r, b) of W = Q C + q R: qᵀMq = I, QᵀMq = 0; r < b if fewer than b directions are longer than
-    `least`. Repeated twice: the first Gram matrix resolves directions of 1e-8 of the longest only in magnitude."""
-    R, floor = np.eye(W.shape[1]), least
+    Q: np.ndarray, M: sparse.csr_array, W: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """q, Mq (n, r), R (r, b) and C (k, b) of W = Q C + q R: qᵀMq = I, QᵀMq = 0; r < b if fewer than b directions are longer
+    than DEPENDENT times the longest column of W. Repeated twice: the first Gram matrix resolves directions of 1e-8 of the longest
+    only in magnitude."""
+    MW = M @ W
+    floor = least = DEPENDENT * float(np.sqrt(np.maximum(np.einsum("ij,ij->j", W, MW), 0.0).max(initial=0.0)))
+    R, C = np.eye(W.shape[1]), Q.T @ MW
     for first in (True, False):
-        W = W - Q @ (Q.T @ MW)
-        # QᵀMW = 0 now, so that the old MW gives the products of the new W
+        share = C if first else Q.T @ MW
+        W = W - Q @ share
+        if first or np.abs(share).max(initial=0.0) > NEGLIGIBLE:
+            MW = M @ W
         G = W.T @ MW
         size, V = eigh(0.5 * (G + G.T))
         longest = float(size[-1]) if len(size) else 0.0
         if not longest > floor**2:
-            return W[:, :0], MW[:, :0], R[:0]
+            return W[:, :0], MW[:, :0], R[:0], C
         if first:
             size = np.maximum(size, 1e-15 * longest)
         else:
@@ -99,22 +104,22 @@ def _orthonormalise(
             size, V = size[significant], V[:, significant]
         turn = V / np.sqrt(size)
         W, R, floor = W @ turn, np.sqrt(size)[:, None] * (V.T @ R), 0.0
-        MW = M @ W if first else MW @ turn
-    return W, MW, R
+        MW = M @ W if first and size[0] < WELL_CONDITIONED * longest else MW @ turn
+    return W, MW, R, C
 
 
 DENSE_LIMIT = 300
 GUARD = 4
 COMPLEMENT = 2
 """Modes to look for in the complement of those found."""
-CLOSELY, EXTRA = 1e-10, 2
-"""Relative accuracy of 1/λ of block iterations from nearby modes, and number of additional modes in the block."""
+CLOSELY, WIDTH = 1e-10, 8
+"""Relative accuracy of 1/λ of block iterations, and number of vectors in a block: eight solutions at once take twice the time of
+one."""
 ROUGHLY, ROUGH_BASIS = 1e-3, 24
-"""Relative accuracy of 1/λ of the first search in the complement, and its maximum number of vectors."""
+"""Relative accuracy of 1/λ of the first search in the complement, and its maximum number of vectors; also the distance of values
+1/λ that count as a cluster."""
 REPEATED = 1e-7
 """Relative distance of values ω² from the first of them that counts as one repeated frequency."""
-SINGLY = 60
-"""Largest number of modes for iterations with single vectors: above, ARPACK is faster than their small problems."""
 NEARLY = 1e-6
 """Relative difference of components that count as equal, as by symmetry; the first counts."""
 
@@ -128,9 +133,8 @@ def modes(
     factor: Factor | None = None,
     rigid: np.ndarray | None = None,
     by: Factorise = factorise,
-    near: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest modes, by seeded Lanczos iterations on (K − σM)⁻¹M, repeated in the complement of the modes found:
+    """The lowest modes, by seeded block Lanczos iterations on (K − σM)⁻¹M:
 
         K φ = ω² M φ,     φᵀMφ = 1,     the largest component of φ positive
 
@@ -141,11 +145,10 @@ def modes(
     shift σ ≤ 0 [rad²/s²]: 0 for a supported structure, negative for a free one (its rigid-body modes then come first);
     factor: of K − σM, if available, otherwise computed with `by`. rigid (n, k): all rigid-body motions of a free structure, for
     its elastic modes only; then without shift, and with `factorise_free` as factor. A factor with `lowest` (Krylov-Schur,
-    SLEPc) iterates itself; order, copies and checks are the same. near (n, r): vectors whose span nearly contains the modes,
-    such as those at other parameters: block iterations from there need half of the solutions, four at once.
-    In both cases |A⁻¹Mφ − φ/λ| ≤ `CLOSELY`/λ in the M-norm, so that the error of 1/λ is the square of that over its distance
-    from the others. If a copy of a frequency may be missing, or the last requested frequency is repeated, ARPACK iterations
-    continue in the complement of the modes found until they find no lower mode.
+    SLEPc) iterates itself; order, copies and checks are the same.
+    |A⁻¹Mφ − φ/λ| ≤ `CLOSELY`/λ in the M-norm, so that the error of 1/λ is the square of that over its distance from the others.
+    Blocks of `WIDTH` random vectors detect as many copies of a frequency. If a copy may be missing, or the last requested
+    frequency is repeated, ARPACK iterations continue in the complement of the modes found until they find no lower mode.
 
     Returns frequency (count,) [Hz] ascending and shapes (n, count) [1/√kg].
     Raises UserError for too large a count, for a mechanism (a mode without stiffness) and if the memory is not sufficient,
@@ -163,7 +166,7 @@ def modes(
             f"the eigenvalue shift is {shift:g}, but must be ≤ 0, or 0 if the argument `rigid` (rigid-body modes) is passed"
         )
     A = K if shift == 0 else sparse.csr_array(K - shift * M)
-    inverse, shapes = _lowest_modes(A, M, count, factor, relief, by, near)
+    inverse, shapes = _lowest_modes(A, M, count, factor, relief, by)
     inverse, shapes = inverse[:count], (shapes @ combine_repeated(inverse, shapes))[:, :count]
     lam = 1.0 / inverse + shift
     _check(A, M, lam - shift, shapes)
@@ -182,7 +185,6 @@ def _lowest_modes(
     factor: Factor | None,
     relief: Relief | None,
     by: Factorise,
-    near: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """1/λ and φ of the modes and of a few more, so that no copy of the last requested frequency is cut off."""
     n, massive, guard = A.shape[0], _rank_of_mass(M, relief), GUARD
@@ -202,7 +204,7 @@ def _lowest_modes(
         else:
             factor = factor or (by(A) if relief is None else factorise_free(A, relief, by))
             if _basis(wanted) <= massive:
-                result = _block_modes(A, M, count, factor, near)
+                result = _block_modes(M, count, factor)
                 if result is not None:
                     return result
                 inverse, shapes = _lanczos(A, M, count, wanted, factor)
@@ -274,31 +276,24 @@ def _lanczos(
         inverse, shapes = np.concatenate([inverse, more])[order], np.hstack([shapes, others])[:, order]
 
 
-def _block_modes(
-    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor, near: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """1/λ and φ of the modes and the value of the next one, by block iterations from `near` or from one vector; None if the next
-    mode, or one in the complement, may be as low as the last: `_lanczos` resolves that."""
-    if factor.lowest is not None or (near is None and count > SINGLY):
+def _block_modes(M: sparse.csr_array, count: int, factor: Factor) -> tuple[np.ndarray, np.ndarray] | None:
+    """1/λ and φ of the modes and the value of the next one, by block iterations; None if the next mode may be as low as the last,
+    or a copy in a cluster of `WIDTH` modes is missing: `_lanczos` resolves that."""
+    if factor.lowest is not None:
         return None
-    n, width = A.shape[0], 1 if near is None or near.shape[1] < count + EXTRA else count + EXTRA
-    most = 3 * (count + EXTRA) + 30 if width == 1 else 12 * (count + EXTRA)
-    require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"computing {count} modes with {n} degrees of freedom")
+    n, most = M.shape[0], max(2 * count + 2 * WIDTH, count + 6 * WIDTH)
+    require_memory(8.0 * n * (most + 5 * count), f"computing {count} modes with {n} degrees of freedom")
+    start = factor.solve(M @ np.random.default_rng(0).standard_normal((n, WIDTH)))
     try:
-        if near is None or width == 1:
-            start = factor.solve(M @ np.random.default_rng(0).standard_normal((n, 1)))
-        else:
-            r = near.shape[1]
-            Y = eigh(near.T @ (M @ near), near.T @ (A @ near), subset_by_index=(r - width, r - 1))[1]
-            start = _solve_by_fours(factor, M @ (near @ Y))
-        inverse, shapes, residual = largest(
-            lambda X: _solve_by_fours(factor, X), M, count, start, most, CLOSELY, extra=1
-        )
+        inverse, shapes, residual = largest(factor.solve, M, count, start, most, CLOSELY, extra=1)
     except (np.linalg.LinAlgError, NumericalError):
-        return None  # dependent vectors, or no convergence
+        return None  # no convergence
     if len(inverse) <= count or inverse[-1] + residual[-1] >= (1 - REPEATED) * inverse[count - 1]:
         return None
-    return (inverse, shapes) if _no_lower_mode(M, factor, shapes, inverse[count - 1]) else None
+    clustered = any(b >= (1 - ROUGHLY) * a for a, b in zip(inverse, inverse[WIDTH - 1 :], strict=False))
+    if clustered and not _no_lower_mode(M, factor, shapes, inverse[count - 1]):
+        return None
+    return inverse, shapes
 
 
 def _no_lower_mode(M: sparse.csr_array, factor: Factor, shapes: np.ndarray, last: float) -> bool:
@@ -322,11 +317,6 @@ def _deflated_inverse(M: sparse.csr_array, factor: Factor, shapes: np.ndarray) -
         return np.asarray(Y - shapes @ (weighted.T @ Y))
 
     return solve
-
-
-def _solve_by_fours(factor: Factor, B: np.ndarray) -> np.ndarray:
-    """A⁻¹B: four columns take less than twice the time of one, and give equal bits with any number of threads."""
-    return np.hstack([factor.solve(B[:, first : first + 4]) for first in range(0, B.shape[1], 4)])
 
 
 def _complement_modes(

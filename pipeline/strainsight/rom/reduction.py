@@ -111,25 +111,24 @@ def snapshots(
     return snapshots_at(shared_by_all(full, S, modes), theta, known)
 
 
-Shared = tuple[AffineOperator, AffineOperator, np.ndarray | None, np.ndarray, int, Factorise, np.ndarray | None]
+Shared = tuple[AffineOperator, AffineOperator, np.ndarray | None, np.ndarray, int, Factorise]
 
 
-def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int, near: np.ndarray | None = None) -> Shared:
-    """Common input of all tasks of a sweep over θ; near (n_free, r): vectors whose span nearly contains the modes, as in
-    `modes`."""
-    return full.stiffness, full.mass, full.rigid, S, modes, full.factorise, near
+def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int) -> Shared:
+    """Common input of all tasks of a sweep over θ."""
+    return full.stiffness, full.mass, full.rigid, S, modes, full.factorise
 
 
 def snapshots_at(
     shared: Shared, theta: Mapping[str, float], known: tuple[np.ndarray, np.ndarray] | None = None
 ) -> Snapshots:
-    """The snapshots as a task of a sweep: shared are stiffness, mass, rigid-body modes, S, the number of modes, the
-    factorisation, and vectors near the modes."""
-    stiffness, mass, rigid, S, modes, factorise, near = shared
+    """The snapshots as a task of a sweep: shared are stiffness, mass, rigid-body modes, S, the number of modes, and the
+    factorisation."""
+    stiffness, mass, rigid, S, modes, factorise = shared
     K = stiffness.at(theta)
     factor = factorise(K) if rigid is None else factorise_free(K, relief_of(mass.at(theta), rigid), factorise)
     if known is None:
-        known = lowest_modes(K, mass.at(theta), modes, factor=factor, rigid=rigid, near=near)
+        known = lowest_modes(K, mass.at(theta), modes, factor=factor, rigid=rigid)
     frequency, shapes = known
     return Snapshots(frequency[:modes], shapes[:, :modes], factor.solve(S))
 
@@ -225,7 +224,7 @@ def reduce_model(
     first = snapshots(full, S if aside is None else np.hstack([S, aside]), points[0], modes, known)
     K = full.stiffness.at(reference)  # only now, to avoid a second copy during the factorisation
     V, _ = energy_orthonormal(K, np.hstack([first.shapes, first.static[:, :spanned]]))
-    rest = [sample.vectors for sample in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes, V))]
+    rest = [sample.vectors for sample in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes))]
     sigma = np.zeros(0)
     if rest:
         # the SVD of R instead of a Gram matrix keeps the digits of singular values below √eps
@@ -273,7 +272,7 @@ def held_out_errors(
         at_reference = Snapshots(reduction.frequency, Psi[:, :0], reduction.static)
         answers = [scaled(full, at_reference, model.reference, theta) for theta in thetas]
     else:
-        answers = sweep(snapshots_at, thetas, shared_by_all(full, S, count, Psi))
+        answers = sweep(snapshots_at, thetas, shared_by_all(full, S, count))
     frequency, static = np.zeros((len(thetas), count)), np.zeros((len(thetas), S.shape[1]))
     for i, (theta, exact) in enumerate(zip(thetas, answers, strict=True)):
         lam, _ = modal_basis(model, theta)
@@ -294,9 +293,9 @@ def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None)
     X = X / np.where(norm > 0, norm, 1.0)
     start = 0 if against is None else against.shape[1]
     Q = np.zeros((X.shape[0], start + X.shape[1]))
+    KQ = np.zeros(Q.shape)
     if against is not None:
-        Q[:, :start] = against
-    KQ = K @ Q
+        Q[:, :start], KQ[:, :start] = against, K @ against
     R = np.zeros((Q.shape[1], X.shape[1]))
     rank = start
     for j in range(X.shape[1]):
@@ -305,10 +304,10 @@ def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None)
             share = KQ[:, :rank].T @ w
             w -= Q[:, :rank] @ share
             R[:rank, j] += share
-        remainder = float(_energy_norm(K, w[:, None])[0])
+        Kw = K @ w
+        remainder = float(np.sqrt(max(w @ Kw, 0.0)))
         if remainder > DEPENDENT:
-            Q[:, rank] = w / remainder
-            KQ[:, rank] = K @ Q[:, rank]
+            Q[:, rank], KQ[:, rank] = w / remainder, Kw / remainder
             R[rank, j] = remainder
             rank += 1
     return Q[:, start:rank], R[start:rank]

@@ -27,7 +27,7 @@ from strainsight.experiment.structure.results import model_of_results
 from strainsight.experiment.structure.training import refuse_damping
 from strainsight.experiment.system import Resources
 from strainsight.fem.affine import DAMPING, Parameter, at_their_references
-from strainsight.fem.factorisation import Factorise, factorise, relief_of
+from strainsight.fem.factorisation import Factorise, factorise, factorise_and_keep, factorise_or_reuse, relief_of
 from strainsight.fem.loads import misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, FullModel, build_model, nodal
 from strainsight.fem.modes import modes as lowest_modes
@@ -143,9 +143,9 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
     return ready, notes
 
 
-def solver_of(config: PlacementConfig, using: Resources) -> Factorise:
-    """Factorisation by PARDISO, or by MUMPS over MPI."""
-    return factorise if config.solver == "direct" else OverMpi(using.notice)
+def solver_of(config: PlacementConfig, using: Resources, direct: Factorise = factorise) -> Factorise:
+    """Factorisation by PARDISO (`direct`), or by MUMPS over MPI."""
+    return direct if config.solver == "direct" else OverMpi(using.notice)
 
 
 def sweep_of(config: PlacementConfig, using: Resources) -> Sweep:
@@ -173,7 +173,9 @@ BALANCED = 1e-9
 def modes_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
     """Modes K φ = ω² M φ of the full model at the guess."""
     parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
-    return _lowest(config, mesh, at_their_references(parameters), config.rom.modes, "rom.modes", using)
+    # while a stiffness is interpolated, a kept factor would raise the peak of the memory
+    by = solver_of(config, using, factorise if _interpolated(mesh, parameters) else factorise_and_keep)
+    return _lowest(config, mesh, at_their_references(parameters), config.rom.modes, "rom.modes", using, by)
 
 
 def spectrum_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
@@ -181,9 +183,16 @@ def spectrum_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
 
     Empty if shapes change with the parameters, as for two materials or plies; `validate` then solves at the true values."""
     count, parameters = config.validation.truth.modes, _in_the_middle(config, mesh)
-    if any(shapes(mesh, number, parameter.property) for parameter in parameters for number in parameter.regions):
+    if _interpolated(mesh, parameters):
         return NO_MODES  # no assembly needed
-    return _lowest(config, mesh, parameters, count, "validate.truth.modes", using, scaled=True)
+    return _lowest(
+        config, mesh, parameters, count, "validate.truth.modes", using, solver_of(config, using), scaled=True
+    )
+
+
+def _interpolated(mesh: Mesh, parameters: Sequence[Parameter]) -> bool:
+    """Whether the stiffness is not proportional to a parameter."""
+    return any(shapes(mesh, number, parameter.property) for parameter in parameters for number in parameter.regions)
 
 
 def _lowest(
@@ -193,11 +202,12 @@ def _lowest(
     count: int,
     key: str,
     using: Resources,
+    by: Factorise,
     scaled: bool = False,
 ) -> Modes:
     """Solve for the lowest modes; scaled: empty unless the parameters only scale the matrices."""
     using.progress("assembly", 0.0)
-    built = full_model(config.mesh, mesh, parameters, using.files, by=solver_of(config, using))
+    built = full_model(config.mesh, mesh, parameters, using.files, by=by)
     model = built.model
     if scaled and not only_scales(model):
         return NO_MODES
@@ -243,7 +253,8 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
     """Assemble, compute static responses and modes at the samples, project, and check at held-out parameter values."""
     parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
     using.progress("assembly", 0.0)
-    built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
+    by = solver_of(config, using, factorise_or_reuse)
+    built = full_model(config.mesh, mesh, parameters, using.files, config.loads, by)
     sweep = sweep_of(config, using)
     S = load_shapes(built.model, config.loads)
     if built.model.rigid is not None:
