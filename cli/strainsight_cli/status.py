@@ -24,8 +24,7 @@ COLOURS = {"up to date": "green", "will run": "yellow"}
 
 def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool = False) -> None:
     """Stages that would run, with reasons; verbose: every reason instead of the first three."""
-    from strainsight.runner.artefact import Artefact
-    from strainsight.runner.plan import WILL_RUN, plan
+    from strainsight.runner.plan import plan
 
     look_at_folder(work, note)
     statuses = plan(work.stages, work.job, forced)
@@ -35,11 +34,9 @@ def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool 
         return
     print_statuses(statuses, verbose)
     say("", sum_of(statuses))
-    pending = [status.stage for status in statuses if status.status == WILL_RUN]
+    pending = [status.stage for status in statuses if status.result is None]
     for status in statuses:
-        if status.stage == "import" and (
-            line := forecast(work, pending, None if "import" in pending else Artefact(status.artefact))
-        ):
+        if pending and status.stage == "import" and (line := forecast(work, pending, status.result)):
             say(line)
 
 
@@ -47,13 +44,12 @@ def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: in
     """One row per stage: status, run time of the last computation, and the reasons or the message."""
     from rich.text import Text
 
-    from strainsight.runner.artefact import Artefact
-
     rows = []
     for status in statuses:
-        took, why = seconds_for(status.artefact), ", ".join(status.reasons) if verbose else status.reason
+        result, why = status.result, ", ".join(status.reasons) if verbose else status.reason
+        took = seconds_for(status.artefact) if result is None else result.header.seconds
         time = "" if took is None else f"{took:.1f} s"
-        cells = (status.stage, status.status, time, why or Artefact(status.artefact).message)
+        cells = (status.stage, status.status, time, why or (result.message if result else ""))
         rows.append([Text(printable(cell), style=COLOURS.get(cell, "")) for cell in cells])
     render.print_grid(HEAD if head else ("",) * len(HEAD), rows, LEAST, (2,), indent)
 

@@ -25,7 +25,7 @@ from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.runner.output import Dataset, Output, warnings_table
-from strainsight.runner.stage import Context, Stage
+from strainsight.runner.stage import Context
 from strainsight.sensors.candidates import UNITS
 from strainsight.sensors.export import edge_lines, seen_from
 from strainsight.stages import inputs
@@ -181,26 +181,3 @@ def run(context: Context[PlacementConfig]) -> Output:
         tables=warnings_table(report.warnings),
         files={"report.html": page, **workshop_files(shop), **sheets, **exported(context, shop)},
     )
-
-
-REPORT = Stage(
-    "report",
-    version=26,
-    reads=(
-        "name",
-        "seed",
-        "loads",
-        "tolerances",
-        "place.estimate",
-        "validate.truth.model",
-        "mesh.file",
-        "mesh.length_unit",
-        "mesh.free",
-        "gauges.type",
-        "gauges.types",
-        "report",
-    ),
-    upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
-    files=(),
-    run=run,
-)
