@@ -11,7 +11,6 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
 from strainsight.experiment.layout import workshop
 from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
-from strainsight.experiment.structure.observation import mat_file
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.chart.files import file_name
@@ -69,6 +68,8 @@ def exported(context: Context[PlacementConfig], shop: workshop.Workshop) -> dict
 
 
 def _mat_file(context: Context[PlacementConfig], shop: workshop.Workshop) -> bytes:
+    from strainsight.experiment.structure.observation import mat_file  # with modules that no other export needs
+
     placed, model = read(Placed, context.upstream["place"]), read(Reduced, context.upstream["rom"]).model
     units = [UNITS[int(quantity)] for quantity in shop.listed.channels.quantity]
     of_loads = {name: load.unit for name, load in context.config.loads.items()}
