@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ArtefactError, UserError, did_you_mean
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -35,10 +36,6 @@ from strainsight.stages.view.surface import (
     strains_of,
     surface_view,
 )
-
-if TYPE_CHECKING:
-    from strainsight.config.bench.bench import BenchConfig
-    from strainsight.config.placement import PlacementConfig
 
 
 def body_of(config: BenchConfig, body_name: str | None) -> str:
@@ -251,7 +248,7 @@ def offers_of(
 ) -> Offers:
     """Views of a placement or bench with these stages; body: flexible body of a bench; of: source of a placement field."""
     stages: dict[str, tuple[str, ...]] = {"mesh": ("import",), "modes": ("import", "rom")}
-    if config.kind == "placement":
+    if isinstance(config, PlacementConfig):
         layout = ("import", "rom", "train", "screen", "place")
         stages |= {"strain": ("import", "rom", "train"), "candidates": ("import", "train"), "layout": layout}
         return Offers(stages | {"field": (*layout, STAGE[of])}, {}, layout)
@@ -332,12 +329,12 @@ def view_of(
     else the mesh, and a field where `at`, `of` or `record` is given; at [s]: instant of a field in time; body: of a bench; of:
     "test" or "validation", whose field, None: the test's where there is one; record: of a test of several, None: the first.
     Raises UserError for what the run does not have or has not computed yet."""
-    if body is not None and config.kind != "bench":
+    if body is not None and not isinstance(config, BenchConfig):
         raise UserError(f"--body {body}: a placement has a single body", where=config_file, remedy="omit --body")
-    if of is not None and (config.kind == "bench" or what not in (None, "field")):
-        remedy = "omit --of" if config.kind == "bench" else "use --what field"
+    if of is not None and (isinstance(config, BenchConfig) or what not in (None, "field")):
+        remedy = "omit --of" if isinstance(config, BenchConfig) else "use --what field"
         raise UserError(f"--of {of} applies only to the view `field` of a placement", where=config_file, remedy=remedy)
-    shown = body_of(config, body) if config.kind == "bench" else ""
+    shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
     available = VALIDATION if missing_stages(folder, [STAGE[TEST]]) else TEST
     offers = offers_of(config, stages, shown, of or available)
     # Whoever names an instant, a record or a source means the field.
@@ -351,12 +348,12 @@ def view_of(
         remedy = "omit --at, or use --what field" if picked != "field" else "omit --at: the field has one instant only"
         remedy += "; set `estimate.field` for a field over time" * (read[-1] == STAGE[TEST])
         raise UserError(f"--at {at:g}: the view '{picked}' does not depend on time", where=config_file, remedy=remedy)
-    if record is not None and (config.kind == "bench" or picked != "field" or read[-1] != STAGE[TEST]):
+    if record is not None and (isinstance(config, BenchConfig) or picked != "field" or read[-1] != STAGE[TEST]):
         raise UserError(
             f"--record {record}: the view '{picked}' does not depend on a record",
             where=config_file,
             remedy="omit --record, or, for the test of a placement, use --what field --of test",
         )
-    if config.kind == "bench":
+    if isinstance(config, BenchConfig):
         return bench_view(config, picked, shown, up, at), read
     return placement_view(config, picked, up, at, record), read
