@@ -24,8 +24,7 @@ COLOURS = {"up to date": "green", "will run": "yellow"}
 
 def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool = False) -> None:
     """Stages that would run, with reasons; verbose: every reason instead of the first three."""
-    from strainsight.runner.artefact import Artefact
-    from strainsight.runner.plan import WILL_RUN, plan
+    from strainsight.runner.plan import plan
 
     look_at_folder(work, note)
     statuses = plan(work.stages, work.job, forced)
@@ -35,11 +34,9 @@ def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool 
         return
     print_statuses(statuses, verbose)
     say("", sum_of(statuses))
-    pending = [status.stage for status in statuses if status.status == WILL_RUN]
+    pending = [status.stage for status in statuses if status.result is None]
     for status in statuses:
-        if status.stage == "import" and (
-            line := forecast(work, pending, None if "import" in pending else Artefact(status.artefact))
-        ):
+        if pending and status.stage == "import" and (line := forecast(work, pending, status.result)):
             say(line)
 
 
@@ -47,13 +44,12 @@ def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: in
     """One row per stage: status, run time of the last computation, and the reasons or the message."""
     from rich.text import Text
 
-    from strainsight.runner.artefact import Artefact
-
     rows = []
     for status in statuses:
-        took, why = seconds_for(status.artefact), ", ".join(status.reasons) if verbose else status.reason
+        result, why = status.result, ", ".join(status.reasons) if verbose else status.reason
+        took = seconds_for(status.artefact) if result is None else result.header.seconds
         time = "" if took is None else f"{took:.1f} s"
-        cells = (status.stage, status.status, time, why or Artefact(status.artefact).message)
+        cells = (status.stage, status.status, time, why or (result.message if result else ""))
         rows.append([Text(printable(cell), style=COLOURS.get(cell, "")) for cell in cells])
     render.print_grid(HEAD if head else ("",) * len(HEAD), rows, LEAST, (2,), indent)
 
@@ -74,14 +70,13 @@ def sum_of(statuses: Sequence[Status]) -> str:
 
 
 GIB = 2.0**30
-FACTOR = "the forecast of processor time and memory is accurate to a factor of two (docs/scaling.md)"
-WITH_PLACE = (
-    "the forecast of processor time and memory is accurate to a factor of two (stage place: three; docs/scaling.md)"
-)
+FACTOR = "the forecast of processor time and memory is accurate to a factor of two ({}docs/scaling.md)"
+OF_THREE = ("place", "validate")
+"""Stages with a forecast of time that is accurate to a factor of three."""
 
 
 def forecast(work: Work, pending: Collection[str], imported: Artefact | None) -> str:
-    """The forecast line; empty if no finite-element stage is pending.
+    """The forecast line; empty if no stage with a forecast is pending.
 
     pending: stages that will run; imported: import.h5, or None if it is not up to date, so that only the size of the deck is
     known."""
@@ -98,7 +93,8 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
     model, each = costs
     peak, available = max(cost.memory for cost in each.values()), available_memory() / GIB
     stages = listed([f"{name} {in_words(cost.seconds)}" for name, cost in each.items()])
-    factor = WITH_PLACE if "place" in each else FACTOR
+    rough = [name for name in OF_THREE if name in each]
+    factor = FACTOR.format(f"{listed(rough)}: three; " if rough else "")
     short = (
         "" if peak <= available else f"; only {available:.2g} GiB are available: use a coarser mesh or a larger machine"
     )
@@ -110,13 +106,13 @@ def costs_of(
 ) -> tuple[Size, dict[str, Cost]] | tuple[()] | None:
     """Model size and cost of every pending stage with a cost model; empty if none will run; None if the size is unknown."""
     from strainsight.config.placement import PlacementConfig
-    from strainsight.experiment.structure.cost import SOLVES, cost_of, cost_of_place, size_of
+    from strainsight.experiment.structure.cost import FORECAST, SOLVES, cost_of, size_of
     from strainsight.records.mesh import mesh_from
 
     config = work.job.model
     if not isinstance(config, PlacementConfig) or config.mesh.matrices is not None:
         return ()
-    lawful = (*(SOLVES if config.solver == "direct" else ()), "place")
+    lawful = [name for name in FORECAST if config.solver == "direct" or name not in SOLVES]
     names = [stage.name for stage in work.stages if stage.name in lawful and stage.name in pending]
     if not names:
         return ()
@@ -126,8 +122,7 @@ def costs_of(
     elements = {block.kind: len(block.ids) for block in mesh.blocks}
     # a node of shells or beams counts twice, as it has rotations
     size = size_of(mesh.own_nodes + len(mesh.turning), elements, len(mesh.regions))
-    each = {name: cost_of(name, config, size) if name in SOLVES else cost_of_place(config, size) for name in names}
-    known = {name: cost for name, cost in each.items() if cost is not None}
+    known = {name: cost for name in names if (cost := cost_of(name, config, size)) is not None}
     return (size, known) if known else ()
 
 

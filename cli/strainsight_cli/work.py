@@ -185,10 +185,7 @@ def config_warnings(job: Job, imported: Artefact | None = None) -> tuple[str, ..
 
 def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
     """Print the warnings of the config, and of the artefacts that a command reads or lists without computing."""
-    from strainsight.runner.artefact import Artefact
-    from strainsight.runner.plan import UP_TO_DATE
-
-    artefacts = [Artefact(status.artefact) for status in statuses if status.status == UP_TO_DATE]
+    artefacts = [status.result for status in statuses if status.result is not None]
     imported = next((artefact for artefact in artefacts if artefact.header.stage == "import"), None)
     for text in (*config_warnings(work.job, imported), *(text for artefact in artefacts for text in artefact.warnings)):
         warn(text)

@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.config.deck_properties import Answers, CandidateLocation, Suggestion
 from strainsight.config.keys import Override, fields_of, put, sections_at
-from strainsight.config.load import KINDS
+from strainsight.config.load import KINDS, model_and_check
 from strainsight.config.template import template
 from strainsight.config.yaml_text import parse
 
@@ -60,20 +60,20 @@ def keys_of(model, data):
 
 def keys_in_file(path):
     data = parse(path.read_text(encoding="utf-8")).data
-    yield from keys_of(KINDS[data["kind"]][0], data)
+    yield from keys_of(model_and_check(data["kind"])[0], data)
     runs = data["runs"] if data["kind"] == "suite" else ()
     for run in {(run["config"], *sorted({**data.get("set", {}), **run.get("set", {})})): run for run in runs}.values():
         own = parse((path.parent / run["config"]).read_text(encoding="utf-8")).data
         for key, value in {**data.get("set", {}), **run.get("set", {})}.items():
             put(own, Override(key, value, ""))
-        yield from keys_of(KINDS[own["kind"]][0], own)
+        yield from keys_of(model_and_check(own["kind"])[0], own)
 
 
 def keys_in_manual():
     for page in sorted((ROOT / "docs").rglob("*.md")):
         for text in re.findall(r"```yaml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
             data = parse(text).data
-            for model, _ in KINDS.values():
+            for model, _ in map(model_and_check, KINDS):
                 if isinstance(data, dict) and {*data} <= {*fields_of(model)}:
                     yield from keys_of(model, data)
 
@@ -87,7 +87,7 @@ def templates():
 
 @pytest.fixture(scope="module")
 def in_template():
-    model = KINDS["placement"][0]
+    model = model_and_check("placement")[0]
     return {key for text in templates() for key in keys_of(model, parse(text).data)}
 
 
@@ -99,7 +99,7 @@ def in_examples(in_template):
 @pytest.fixture(scope="module")
 def fields():
     sections: list = []
-    for model, _ in KINDS.values():
+    for model, _ in map(model_and_check, KINDS):
         sections_below(model, sections)
     known = {declared(section, key): field for section in sections for key, field in fields_of(section).items()}
     return {key: field for key, field in known.items() if key[1] not in DISCRIMINATORS}

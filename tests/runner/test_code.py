@@ -23,7 +23,7 @@ from strainsight.runner.plan import OTHER_CODE, UP_TO_DATE, Job, plan
 from strainsight.runner.runner import run as run_stages
 from strainsight.runner.stage import Stage
 from strainsight.runner.store import commit_of
-from strainsight.stages.rom import MODES
+from strainsight.stages.placement import MODES
 
 from ..shared import job_of, script, stages_of
 from .numbers import KEPT, differs, numbers_of

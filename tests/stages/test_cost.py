@@ -10,11 +10,16 @@ import pytest
 from strainsight.config.load import load_config
 from strainsight.experiment.structure.cost import (
     BULK_AND_THIN,
+    FORECAST,
     IMPORT_TIME,
     Size,
     cost_of,
     cost_of_place,
+    cost_of_report,
+    cost_of_solve,
+    cost_of_validate,
     of_pool_in_words,
+    runs_of,
     scenarios_of,
     size_of,
     states_of,
@@ -53,7 +58,7 @@ def test_seconds_and_memory_of_the_measured_bodies_are_within_a_factor_of_two(sh
     _, modes, rom, _, peaks, _ = cells
     memory = [number(part) for part in peaks.split(",")]
     for stage, seconds, peak in zip(("modes", "rom"), (modes, rom), memory[1:], strict=False):
-        said = cost_of(stage, CONFIG, size)
+        said = cost_of_solve(stage, CONFIG, size)
         assert 0.5 <= (said.seconds + IMPORT_TIME) / number(seconds) <= 2, (stage, said.seconds)
         assert 0.5 <= said.memory / peak <= 2
 
@@ -62,7 +67,7 @@ def test_more_modes_take_longer_as_measured():
     at = {98_937: (14, 1.14), 300_141: (40, 3.35), 1_003_011: (172, 11.4)}
     for unknowns, (seconds, memory) in at.items():
         assert f"`spectrum` {seconds} s and {memory} GiB" in SCALING
-        said = cost_of("spectrum", CONFIG, measured_size("plate", unknowns))
+        said = cost_of_solve("spectrum", CONFIG, measured_size("plate", unknowns))
         assert 0.5 <= (said.seconds + IMPORT_TIME) / seconds <= 2
         assert 0.5 <= said.memory / memory <= 2
 
@@ -78,6 +83,14 @@ def test_every_kind_of_element_has_its_share_of_nodes():
         assert thick.elements == pytest.approx(5, rel=0.01)
 
 
+def test_report_takes_as_long_as_measured():
+    for unknowns, seconds in {98_937: 7, 300_141: 8, 1_003_011: 31}.items():
+        assert f"`report` {seconds}" in SCALING
+        assert 0.5 <= cost_of_report(measured_size("plate", unknowns)).seconds / seconds <= 2
+    assert "`validate` 57 s and 5.0 GiB" in SCALING
+    assert 0.5 <= cost_of_validate(CONFIG, measured_size("plate", 1_003_011)).memory / 5.0 <= 2
+
+
 FACTOR = 3
 
 
@@ -89,16 +102,36 @@ def of(*changes, regions=1):
     return cost_of_place(config(*changes), Size(1950, 1.0, regions))
 
 
-def measured():
-    """Changes of the config and seconds of the table of whole runs of `place`."""
-    rows = re.findall(r"^\| `(screen\.keep=[^`]*)` \| [^|]* \| ([\d.]+) s \|", SCALING, re.MULTILINE)
+def measured(first):
+    """Changes of the config, the first of a section, and seconds of the tables of whole runs of `place` and `validate`."""
+    rows = re.findall(rf"^\| `({first}[^`]*)` \| [^|]* \| ([\d.]+) s \|", SCALING, re.MULTILINE)
     return [(changes.split(), float(seconds)) for changes, seconds in rows]
 
 
 def test_seconds_as_measured_are_within_a_factor_of_three():
-    assert len(measured()) >= 6
-    for changes, seconds in measured():
+    assert len(measured("screen")) >= 6
+    for changes, seconds in measured("screen"):
         assert 1 / FACTOR <= of(*changes).seconds / seconds <= FACTOR, changes
+
+
+def test_validation_takes_as_long_as_measured_within_a_factor_of_three():
+    assert len(measured("validate")) >= 3
+    for changes, seconds in measured("validate"):
+        assert 1 / FACTOR <= cost_of_validate(config(*changes), Size(10_998, 1.0)).seconds / seconds <= FACTOR, changes
+
+
+def test_every_filter_run_of_a_validation_is_counted():
+    """The layout, 20 repeats, ten random layouts of both pools and two noise levels; then points of sweeps."""
+    assert runs_of(config().validation) == 42
+    swept = config("validate.sweeps={time_steps: [1.0e-3], process_noise: [0.5, 2.0]}")
+    assert runs_of(swept.validation) == 45
+
+
+def test_a_forecast_for_every_long_stage():
+    known = {stage: cost_of(stage, config(), Size(10_998, 1.0)) for stage in FORECAST}
+    assert list(known) == ["modes", "rom", "spectrum", "place", "validate", "report"]
+    assert all(cost is not None and cost.seconds > 0 for cost in known.values())
+    assert cost_of("place", config("screen.keep=all"), Size(10_998, 1.0)) is None
 
 
 def test_what_is_counted():

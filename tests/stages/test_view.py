@@ -24,7 +24,7 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.figures import figures_of
-from strainsight.stages.report import REPORT
+from strainsight.stages.placement import REPORT
 from strainsight.stages.view.views import offers_of, view_of
 
 from .conftest import COARSE, finished, job_of

@@ -126,6 +126,8 @@ def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
         yield Problem(key, what, "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]")
 
 
+DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
+"""A dotted key, as in --set place.keep=6."""
 UNITS = {
     "-": {"per cent": 0.01},
     "m": {"mm": 1e-3, "µm": 1e-6, "inches": 0.0254},

@@ -13,10 +13,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, Discriminator, Tag, ValidationError
 
-from strainsight.config.base import Problem
-from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.placement import PlacementConfig
-from strainsight.config.suite import DOTTED
+from strainsight.config.base import DOTTED, Problem
 from strainsight.config.yaml_text import YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean
 
@@ -374,6 +371,9 @@ def explained(problem: Problem, created: Sequence[str], model: type[BaseModel], 
 
 def explain_suite_key(problem: Problem, overrides: Sequence[Override]) -> Problem:
     """Extend the remedy for a suite, which sets keys of its runs under `set`."""
+    from strainsight.config.bench.bench import BenchConfig
+    from strainsight.config.placement import PlacementConfig
+
     if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields | BenchConfig.model_fields:
         return problem
     matches = [o for o in overrides if o.key == problem.key or o.key.startswith(f"{problem.key}.")]

@@ -7,30 +7,43 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
 from strainsight.config.base import Problem, shown_key
-from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.bodies import BearingConfig
-from strainsight.config.bench.checks import bearing_problems, bench_problems
-from strainsight.config.checks import problems
-from strainsight.config.gauges import filled
 from strainsight.config.keys import Override, explain_suite_key, explained, parsed, problems_of, put
-from strainsight.config.placement import PlacementConfig
-from strainsight.config.suite import SuiteConfig, suite_problems
 from strainsight.config.yaml_text import LARGEST, Document, YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean
 
-Config = PlacementConfig | BenchConfig | BearingConfig | SuiteConfig
-KINDS: dict[str, tuple[type[Config], Callable[[Any], Iterator[Problem]]]] = {
-    "placement": (PlacementConfig, problems),
-    "bench": (BenchConfig, bench_problems),
-    "bearing": (BearingConfig, bearing_problems),
-    "suite": (SuiteConfig, suite_problems),
-}
-"""Kind of config: its model, and the check for inconsistencies between fields."""
+if TYPE_CHECKING:
+    from strainsight.config.bench.bench import BenchConfig
+    from strainsight.config.bench.bodies import BearingConfig
+    from strainsight.config.placement import PlacementConfig
+    from strainsight.config.suite import SuiteConfig
+
+    Config = PlacementConfig | BenchConfig | BearingConfig | SuiteConfig
+
+KINDS = ("placement", "bench", "bearing", "suite")
+"""Kinds of config."""
+
+
+def model_and_check(kind: str) -> tuple[type[Config], Callable[[Any], Iterator[Problem]]]:
+    """Model of a kind of config, and the check for inconsistencies between fields; other kinds are not imported."""
+    if kind == "placement":
+        from strainsight.config.checks import problems
+        from strainsight.config.placement import PlacementConfig
+
+        return PlacementConfig, problems
+    if kind == "suite":
+        from strainsight.config.suite import SuiteConfig, suite_problems
+
+        return SuiteConfig, suite_problems
+    from strainsight.config.bench.bench import BenchConfig
+    from strainsight.config.bench.bodies import BearingConfig
+    from strainsight.config.bench.checks import bearing_problems, bench_problems
+
+    return (BenchConfig, bench_problems) if kind == "bench" else (BearingConfig, bearing_problems)
 
 
 @dataclass(frozen=True)
@@ -78,7 +91,7 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
         if data.get("kind") == "suite":
             wrong = [explain_suite_key(problem, put_over) for problem in wrong]
         elif isinstance(data.get("kind"), str) and data["kind"] in KINDS:
-            wrong = [explained(problem, created, KINDS[data["kind"]][0], data) for problem in wrong]
+            wrong = [explained(problem, created, model_and_check(data["kind"])[0], data) for problem in wrong]
         raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in wrong])
     return LoadedConfig(path, model, put_over, places)
 
@@ -162,8 +175,11 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
                 "kind", f"'{kind}' is not one of {known}", did_you_mean(str(kind), KINDS, f"set kind to one of {known}")
             )
         ]
-    kind_model, check = KINDS[kind]
-    data = dict(filled(data)) if kind == "placement" else data
+    kind_model, check = model_and_check(kind)
+    if kind == "placement":
+        from strainsight.config.gauges import filled
+
+        data = dict(filled(data))
     try:
         # As JSON, where a list may become a tuple but text never a number.
         model = kind_model.model_validate_json(json.dumps(data))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
-from strainsight.config.base import COMPARED, Problem, RunName, Section, Text, expert, section_problems
+from strainsight.config.base import COMPARED, DOTTED, Problem, RunName, Section, Text, expert, section_problems
 
 Texts = Annotated[tuple[Text, ...], Field(min_length=1)]
 
@@ -147,8 +146,6 @@ def study_problems(studies: Sequence[StudySection], named: Sequence[str]) -> Ite
             yield Problem(f"studies.{i}.numbers", "the figures have no horizontal axis (`over`)", remedy, at_key=True)
 
 
-DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
-"""A dotted key, as in --set place.keep=6."""
 OWN = {
     "name": "set `name` in each entry of `runs`, next to `config`",
     "kind": "remove `kind`; the config of each run defines its kind",

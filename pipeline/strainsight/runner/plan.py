@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -60,19 +61,22 @@ def closure(module: str) -> frozenset[str]:
 @cache
 def _imports(module: str) -> frozenset[str]:
     mentioned = set()
-    for package, names, plain in _IMPORT.findall(_source(module)):
+    source = _source(module)
+    for package, names, plain in _IMPORT.findall(source):
         base = (package or plain).decode()
         mentioned.add(base)
         mentioned |= {f"{base}.{name.decode()}" for name in _NAME.findall(names)}
-    mentioned |= {name.decode() for name in _NAMED.findall(_source(module))}
-    mentioned |= {part for name in _PART.findall(_source(module)) if (part := _part(module, name.decode()))}
+    if b'"strainsight.' in source:
+        mentioned |= {name.decode() for name in _NAMED.findall(source)}
+    if b".css" in source or b".js" in source:
+        mentioned |= {part for name in _PART.findall(source) if (part := _part(module, name.decode()))}
     return frozenset(name for name in mentioned if _file(name) is not None)
 
 
 @cache
 def _source(module: str) -> bytes:
     file = _file(module)
-    return b"" if file is None else file.read_bytes()
+    return b"" if file is None else Path(file).read_bytes()
 
 
 @cache
@@ -82,24 +86,30 @@ def _digest(module: str) -> bytes:
 
 def _part(module: str, name: str) -> str:
     """Path in the package of a file that a module names, from its folder or a parent; otherwise ""."""
-    file = _file(module)
-    for folder in file.parents if file is not None and file.is_relative_to(ROOT) else ():
-        if (folder / name).is_file():
-            return (folder / name).relative_to(ROOT).as_posix()
-        if folder == ROOT:
-            break
+    folder = module.replace(".", "/")
+    while folder := folder.rpartition("/")[0]:
+        path = f"{folder}/{name}".partition("/")[2]
+        if path in _files():
+            return path
     return ""
 
 
-def _file(module: str) -> Path | None:
+def _file(module: str) -> str | None:
     """File of a module, or of a part of the package by its path, or None."""
-    if "/" in module:
-        return ROOT / module
-    if module != PACKAGE and not module.startswith(f"{PACKAGE}."):
-        file_name = getattr(sys.modules.get(module), "__file__", None)
-        return Path(file_name) if file_name else None
-    path = ROOT.joinpath(*module.split(".")[1:])
-    return next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
+    return _files().get(module) or getattr(sys.modules.get(module), "__file__", None)
+
+
+@cache
+def _files() -> dict[str, str]:
+    """Files of the package: name of a module, or path of another file from ROOT → path."""
+    files = {}
+    for folder, _, names in os.walk(ROOT):
+        for name in names:
+            path = os.path.join(folder, name)
+            part = path[len(str(ROOT)) + 1 :].replace(os.sep, "/")
+            module = f"{PACKAGE}.{part.removesuffix('.py').replace('/', '.')}".removesuffix(".__init__")
+            files[module if name.endswith(".py") else part] = path
+    return files
 
 
 ESTIMATED, MEASURED = "validate", "simulate"
@@ -140,12 +150,15 @@ class Job:
 
 @dataclass(frozen=True)
 class Status:
-    """Whether a stage is up to date; if not, all reasons; otherwise, whether other code of its version computed it."""
+    """Whether a stage is up to date; if not, all reasons; otherwise, whether other code of its version computed it.
+
+    artefact: its file; result: the artefact if it is up to date."""
 
     stage: str
     status: str
     reasons: tuple[str, ...]
     artefact: Path
+    result: Artefact | None = None
 
     @property
     def reason(self) -> str:
@@ -177,14 +190,13 @@ def plan(stages: Sequence[Stage], job: Job, forced: Collection[str] = ()) -> tup
     pending: set[str] = set()
     finished: dict[str, Artefact] = {}
     for stage in stages:
-        status, artefact = judge(
-            stage, job, inputs_of(stage, job, required=False), finished, pending, stage.name in forced
-        )
+        inputs = inputs_of(stage, job, required=False)
+        status = judge(stage, job, inputs, finished, pending, stage.name in forced)
         statuses.append(status)
-        if artefact is None:
+        if status.result is None:
             pending.add(stage.name)
         else:
-            finished[stage.name] = artefact
+            finished[stage.name] = status.result
     return tuple(statuses)
 
 
@@ -195,11 +207,10 @@ def judge(
     finished: Mapping[str, Artefact],
     pending: Collection[str] = (),
     forced: bool = False,
-) -> tuple[Status, Artefact | None]:
+) -> Status:
     """Compare what a stage's artefact was made from with what it would be made from now.
 
-    finished: verified artefacts of the stages above; pending: stages above that will run. Returns the artefact too
-    where it is up to date."""
+    finished: verified artefacts of the stages above; pending: stages above that will run."""
     path = job.folder / f"{stage.name}.h5"
     reasons = ["--force"] if forced else []
     artefact = None
@@ -215,8 +226,8 @@ def judge(
         reasons += [f"{name} changed" for name in stage.upstream if name in pending]
     reasons += [f"{_shown(file)} is missing" for key, file in inputs.files.items() if key not in inputs.digests]
     if artefact is None or reasons:
-        return Status(stage.name, WILL_RUN, tuple(reasons), path), None
-    return Status(stage.name, UP_TO_DATE, tuple(filter(None, [other_code(stage, artefact)])), path), artefact
+        return Status(stage.name, WILL_RUN, tuple(reasons), path)
+    return Status(stage.name, UP_TO_DATE, tuple(filter(None, [other_code(stage, artefact)])), path, artefact)
 
 
 def other_code(stage: Stage, artefact: Artefact) -> str:

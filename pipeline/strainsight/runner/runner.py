@@ -248,10 +248,10 @@ def run(
         finished: dict[str, Artefact] = {}
         checked = False
         for stage in stages:
-            status, artefact = judge(stage, job, inputs[stage.name], finished, forced=stage.name in forced)
-            if artefact is not None:
-                finished[stage.name] = artefact
-                yield Event(stage.name, UP_TO_DATE, status.reason, artefact=artefact)
+            status = judge(stage, job, inputs[stage.name], finished, forced=stage.name in forced)
+            if status.result is not None:
+                finished[stage.name] = status.result
+                yield Event(stage.name, UP_TO_DATE, status.reason, artefact=status.result)
                 continue
             for each in () if checked else stages:  # what is wrong with files is known before a stage takes an hour
                 if each.check is not None and job.model is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -50,7 +51,7 @@ class Stage:
     files     dotted keys whose values are input files: ("mesh.file", "loads.*.signal.file"), covered by `reads`; keys
               that the config lacks are passed over. A plain name under a key `from` stands for
               results/<that name>/validate.h5, or that of `stage`; under `measured.from` for its simulate.h5
-    run       the function, for one kind of config
+    run       the function, for one kind of config; `imported` if its module loads kernels
     records   files next to the artefact whose previous content is kept as NAME-digits.csv
     check     check of the whole config before any stage runs; it does not affect results
     """
@@ -63,3 +64,13 @@ class Stage:
     run: Callable[[Context[Any]], Output]
     check: Callable[[Any, Path], None] | None = None
     records: tuple[str, ...] = ()
+
+
+def imported(module: str, name: str) -> Callable[..., Any]:
+    """Function of a module that is imported when the function is called: a list of stages loads no kernel."""
+
+    def function(*arguments: Any) -> Any:
+        return getattr(import_module(module), name)(*arguments)
+
+    function.__module__, function.__qualname__ = module, name
+    return function

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from strainsight.columns import Column
 from strainsight.errors import UserError
@@ -264,6 +263,8 @@ def cylinder(x: np.ndarray, middle: np.ndarray, vector: np.ndarray) -> tuple[flo
         return np.asarray(np.linalg.norm(_frame(p, V, y)[1], axis=1) - p[4])
 
     radius = np.sqrt(solution[2] + solution[:2] @ solution[:2])
+    from scipy.optimize import least_squares
+
     fitted = least_squares(off, [0.0, 0.0, *solution[:2], radius], x_scale=0.1, xtol=1e-12, ftol=1e-12, gtol=1e-12)
     radius = float(fitted.x[4])
     if not 0 < radius < LARGEST or np.abs(fitted.fun).max() > ROUND * radius:

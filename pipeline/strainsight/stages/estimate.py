@@ -5,9 +5,8 @@ from __future__ import annotations
 from strainsight.config.placement import PlacementConfig
 from strainsight.experiment.structure.campaign import campaign_of
 from strainsight.experiment.structure.campaign_text import campaign_output
-from strainsight.experiment.structure.reduction import FILES, READS
 from strainsight.runner.output import Output
-from strainsight.runner.stage import Context, Stage
+from strainsight.runner.stage import Context
 from strainsight.stages import inputs
 
 
@@ -23,36 +22,3 @@ def run(context: Context[PlacementConfig]) -> Output:
         context,
     )
     return campaign_output(campaign)
-
-
-ESTIMATE = Stage(
-    "estimate",
-    version=43,
-    reads=(
-        "seed",
-        "mesh.point_masses",
-        "loads",
-        "parameters",
-        "process_noise",
-        "train",
-        "tolerances",
-        "place.estimate",
-        "place.instants",
-        "validate.initial_std",
-        "estimate",
-        "filter",
-        "gauges.grid_length",
-        "gauges.snap_tolerance",
-        *READS,
-    ),
-    upstream=("import", "rom", "train", "screen", "place"),
-    files=(
-        "loads.*.signal.file",
-        "estimate.file",
-        "estimate.records.*.file",
-        "estimate.gauges_file",
-        "parameters.*.guess.from",
-        *FILES,
-    ),
-    run=run,
-)

@@ -9,10 +9,9 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.decks.reader import format_of
-from strainsight.experiment.structure.early import check_files
 from strainsight.experiment.structure.mesh import checked, contact_warnings, mesh_of, model_warnings
 from strainsight.experiment.structure.mesh_tables import assumed_table, build_mesh_tables, faces_table
-from strainsight.experiment.structure.references import READS, check_references, on_one_node, range_warnings
+from strainsight.experiment.structure.references import check_references, on_one_node, range_warnings
 from strainsight.fem.checks import Quality
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -21,7 +20,7 @@ from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
 from strainsight.records.mesh import Imported, MeshColumns, vtkhdf_datasets
 from strainsight.records.record import written
 from strainsight.runner.output import Output, warning_texts
-from strainsight.runner.stage import Context, Stage
+from strainsight.runner.stage import Context
 from strainsight.sensors.faces import faces_of
 
 
@@ -94,8 +93,3 @@ def _grid(mesh: Mesh) -> VtkHdf:
         point_data={"node_id": mesh.node_ids[:n]},
         cell_data={"element_id": np.concatenate(ids), "region": np.concatenate(region)} if ids else {},
     )
-
-
-IMPORT = Stage(
-    "import", version=18, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
-)

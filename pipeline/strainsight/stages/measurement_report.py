@@ -34,7 +34,7 @@ from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read, unit_of
 from strainsight.records.training import Training
 from strainsight.runner.output import Output, Table, warnings_table
-from strainsight.runner.stage import Context, Stage
+from strainsight.runner.stage import Context
 from strainsight.sensors.candidates import UNITS
 from strainsight.stages.pages.page import messages, provenance
 from strainsight.stages.pages.page_layout import layout_of_test
@@ -275,13 +275,3 @@ def run(context: Context[PlacementConfig]) -> Output:
         tables=warnings_table(tuple(warnings)),
         files=files,
     )
-
-
-TEST = Stage(
-    "test",
-    version=10,
-    reads=("name", "seed", "loads", "place.estimate", "estimate.virtual"),
-    upstream=("import", "rom", "train", "screen", "place", "estimate"),
-    files=(),
-    run=run,
-)

@@ -11,7 +11,6 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
 from strainsight.experiment.layout import workshop
 from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
-from strainsight.experiment.structure.observation import mat_file
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.chart.files import file_name
@@ -25,7 +24,7 @@ from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.runner.output import Dataset, Output, warnings_table
-from strainsight.runner.stage import Context, Stage
+from strainsight.runner.stage import Context
 from strainsight.sensors.candidates import UNITS
 from strainsight.sensors.export import edge_lines, seen_from
 from strainsight.stages import inputs
@@ -69,6 +68,8 @@ def exported(context: Context[PlacementConfig], shop: workshop.Workshop) -> dict
 
 
 def _mat_file(context: Context[PlacementConfig], shop: workshop.Workshop) -> bytes:
+    from strainsight.experiment.structure.observation import mat_file  # with modules that no other export needs
+
     placed, model = read(Placed, context.upstream["place"]), read(Reduced, context.upstream["rom"]).model
     units = [UNITS[int(quantity)] for quantity in shop.listed.channels.quantity]
     of_loads = {name: load.unit for name, load in context.config.loads.items()}
@@ -181,26 +182,3 @@ def run(context: Context[PlacementConfig]) -> Output:
         tables=warnings_table(report.warnings),
         files={"report.html": page, **workshop_files(shop), **sheets, **exported(context, shop)},
     )
-
-
-REPORT = Stage(
-    "report",
-    version=26,
-    reads=(
-        "name",
-        "seed",
-        "loads",
-        "tolerances",
-        "place.estimate",
-        "validate.truth.model",
-        "mesh.file",
-        "mesh.length_unit",
-        "mesh.free",
-        "gauges.type",
-        "gauges.types",
-        "report",
-    ),
-    upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
-    files=(),
-    run=run,
-)

@@ -6,15 +6,15 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.reduction import FILES, READS, modes_of, reduced_of, spectrum_of
-from strainsight.experiment.structure.references import WHAT_IS_FREE, WHERE_LOADS_ACT, reference_value
+from strainsight.experiment.structure.reduction import modes_of, reduced_of, spectrum_of
+from strainsight.experiment.structure.references import reference_value
 from strainsight.experiment.structure.training import hertz
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import read, written
 from strainsight.records.reduced import Modes
 from strainsight.runner.output import Output, Table, warnings_table
-from strainsight.runner.stage import Context, Stage
+from strainsight.runner.stage import Context
 from strainsight.stages import inputs
 
 
@@ -47,16 +47,6 @@ def run_rom(context: Context[PlacementConfig]) -> Output:
     )
 
 
-ROM = Stage(
-    "rom",
-    version=10,
-    reads=(*WHAT_IS_FREE, "parameters.*.guess", *WHERE_LOADS_ACT, "damping", "rom", "train.model", *READS),
-    upstream=("import", "modes"),
-    files=("parameters.*.guess.from", *FILES),
-    run=run_rom,
-)
-
-
 def run_modes(context: Context[PlacementConfig]) -> Output:
     """The lowest modes; runs that differ in their loads alone share the result."""
     config = context.config
@@ -80,16 +70,6 @@ def run_modes(context: Context[PlacementConfig]) -> Output:
     )
 
 
-MODES = Stage(
-    "modes",
-    version=6,
-    reads=(*WHAT_IS_FREE, "parameters.*.guess", "rom.modes", *READS),
-    upstream=("import",),
-    files=("parameters.*.guess.from", *FILES),
-    run=run_modes,
-)
-
-
 def run_spectrum(context: Context[PlacementConfig]) -> Output:
     """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
     spectrum = spectrum_of(context.config, inputs.mesh(context), context)
@@ -99,13 +79,3 @@ def run_spectrum(context: Context[PlacementConfig]) -> Output:
         band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
         message = f"{len(frequency)} modes of {size} degrees of freedom, {band} at the centre of the parameter ranges"
     return Output(written(spectrum), {"unknowns": size, "modes": len(frequency)}, message)
-
-
-SPECTRUM = Stage(
-    "spectrum",
-    version=6,
-    reads=(*WHAT_IS_FREE, "validate.truth.modes", *READS),
-    upstream=("import",),
-    files=FILES,
-    run=run_spectrum,
-)

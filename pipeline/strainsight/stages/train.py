@@ -21,7 +21,7 @@ from strainsight.experiment.structure.clearance import (
 from strainsight.experiment.structure.expectation import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.experiment.structure.observation import observed_of
 from strainsight.experiment.structure.reduction import inertia_problems
-from strainsight.experiment.structure.references import KINDS_OF_LOAD, WHERE_SENSORS_ARE, load_units
+from strainsight.experiment.structure.references import load_units
 from strainsight.experiment.structure.screening import screened_of
 from strainsight.experiment.structure.training import trained
 from strainsight.measurements.calibration import LARGE_STRAIN
@@ -30,7 +30,7 @@ from strainsight.records.placed import Observed
 from strainsight.records.record import written
 from strainsight.records.training import Screened
 from strainsight.runner.output import Output, Table
-from strainsight.runner.stage import Context, Stage
+from strainsight.runner.stage import Context
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.screening import BEND, CLEARANCE, NEAR, OVER_RANGE
 from strainsight.stages import inputs
@@ -123,44 +123,6 @@ def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> 
     )
 
 
-TRAIN = Stage(
-    "train",
-    version=15,
-    reads=(
-        "loads.*.signal",
-        *KINDS_OF_LOAD,
-        "train",
-        "place.load_cases",
-        *WHERE_SENSORS_ARE,
-        "gauges.direction",
-        "gauges.rosette",
-        "gauges.bridge",
-        "gauges.grid_length",
-        "gauges.fixed",
-        "gauges.fixed_file",
-        "gauges.snap_tolerance",
-        "motion_sensors.*.quantity",
-        "motion_sensors.*.axes",
-        "motion_sensors.*.every",
-        "mesh.length_unit",
-        "mesh.matrices",
-        "parameters.*.property",
-        "parameters.*.region",
-        "parameters.*.range",
-    ),
-    upstream=("import", "rom"),
-    files=(
-        "loads.*.signal.file",
-        "place.load_cases.*.loads.*.signal.file",
-        "gauges.fixed_file",
-        "gauges.strain_operator.rows",
-        "gauges.strain_operator.table",
-        "mesh.matrices.numbering",
-    ),
-    run=run_train,
-)
-
-
 def run_screen(context: Context[PlacementConfig]) -> Output:
     """Which candidates go on, and why the others do not."""
     config, structure = context.config, inputs.structure(context)
@@ -221,41 +183,6 @@ def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) ->
             )
 
 
-SCREEN = Stage(
-    "screen",
-    version=13,
-    reads=(
-        "screen",
-        "train",
-        "tolerances",
-        "process_noise.rule",
-        "place.installation",
-        "place.load_cases",
-        "place.estimate",
-        "loads.*.signal",
-        "loads.*.node",
-        "loads.*.moment",
-        "loads.*.set",
-        "loads.*.deck_load",
-        "gauges.type",
-        "gauges.types",
-        "gauges.clearance",
-        "gauges.exclude",
-        "gauges.grid_length",
-        "gauges.noise_std",
-        "gauges.range",
-        "motion_sensors.*.noise_std",
-        "motion_sensors.*.range",
-        "parameters.*.property",
-        "parameters.*.region",
-        "parameters.*.range",
-    ),
-    upstream=("import", "rom", "train"),
-    files=("loads.*.signal.file", "place.load_cases.*.loads.*.signal.file"),
-    run=run_screen,
-)
-
-
 def run_observe(context: Context[PlacementConfig]) -> Output:
     """Condition of every case, and the worst one at the training motion; of load cases in the worst of them."""
     reduced, training, screened = inputs.reduced(context), inputs.training(context), inputs.screened(context)
@@ -294,13 +221,3 @@ def _table(observed: Observed) -> Table:
     )
     title = "observability: condition number of the PBH matrix (Popov-Belevitch-Hautus), scaled and unscaled"
     return Table(title, ("unknown", *columns, "weakly observable"), rows)
-
-
-OBSERVE = Stage(
-    "observe",
-    version=2,
-    reads=("seed", "loads", "parameters.*.property", "train", "observe", "place.instants"),
-    upstream=("rom", "train", "screen"),
-    files=("loads.*.signal.file",),
-    run=run_observe,
-)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.reduction import FILES, READS
 from strainsight.experiment.structure.validation import validation_of, validation_output
 from strainsight.runner.output import Output
-from strainsight.runner.stage import Context, Stage
+from strainsight.runner.stage import Context
 from strainsight.stages import inputs
 
 
@@ -15,28 +14,3 @@ def run(context: Context[PlacementConfig]) -> Output:
     structure, spectrum, screened = inputs.structure(context), inputs.spectrum(context), inputs.screened(context)
     validation = validation_of(structure, spectrum, screened, inputs.layout(context), context)
     return validation_output(structure, validation)
-
-
-VALIDATE = Stage(
-    "validate",
-    version=35,
-    reads=(
-        "damping",
-        *(
-            "seed",
-            "mesh.point_masses",
-            "parameters",
-            "loads",
-            "process_noise",
-            "train",
-            "tolerances",
-            "place.estimate",
-            "filter",
-            "validate",
-        ),
-        *READS,
-    ),
-    upstream=("import", "rom", "train", "screen", "place", "spectrum"),
-    files=("parameters.*.guess.from", "loads.*.signal.file", *FILES),
-    run=run,
-)

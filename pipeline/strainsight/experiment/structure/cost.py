@@ -1,4 +1,4 @@
-"""Forecast of processor time and peak memory of the stages that solve the full model (docs/scaling.md).
+"""Forecast of processor time and peak memory of the long stages (docs/scaling.md).
 
     seconds = c₀ + c₁ N + c₂ N^1.5 e^1.2        GiB = c₀ + c₁ N + c₂ N^1.1 e^1.2
 
@@ -8,7 +8,13 @@ N unknowns before the supports; e elements through the thickness. The exponents 
     seconds = 3.4 + s m (3.9e-3 + 4.1e-6 n² + 8.3e-8 n³)        GiB = 0.15 + 6e-8 s m n
 
 s scenarios, m candidates, n states. n is an estimate, as the reduced basis is known only after `rom`. If materials vary
-independently, half of the shapes of the other samples are counted. Memory: one row of n for every candidate and scenario."""
+independently, half of the shapes of the other samples are counted. Memory: one row of n for every candidate and scenario.
+
+`validate`: seconds = 2.5 + 4.5e-5 N + (r k² + 4 k³)(0.7 + B)(0.016 + 1e-4 T), k = n/23        GiB = 0.35 + 4.7e-6 N
+`report`:   seconds = 4.5 + 2.5e-5 N
+
+r filter runs of T time steps in addition to that of the layout, which has a smoother and other filters for comparison; B points
+of the parameter grid. The truth and the picture are linear in N. Memory of `report` is below that of `validate`."""
 
 from __future__ import annotations
 
@@ -16,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import Validate
 from strainsight.fem.affine import of_stiffness
 
 FLOPS, FILL, THICK = 1.5, 1.1, 1.2
@@ -82,7 +89,20 @@ def size_of(nodes: int, elements: Mapping[str, int], regions: int = 1) -> Size:
     return Size(3 * nodes, min(max(through, 1.0), most), regions)
 
 
-def cost_of(stage: str, config: PlacementConfig, size: Size) -> Cost:
+FORECAST = (*SOLVES, "place", "validate", "report")
+"""Stages with a forecast."""
+
+
+def cost_of(stage: str, config: PlacementConfig, size: Size) -> Cost | None:
+    """Cost of a stage of `FORECAST` with this config; None for `place` with an unknown number of candidates."""
+    if stage == "place":
+        return cost_of_place(config, size)
+    if stage == "validate":
+        return cost_of_validate(config, size)
+    return cost_of_report(size) if stage == "report" else cost_of_solve(stage, config, size)
+
+
+def cost_of_solve(stage: str, config: PlacementConfig, size: Size) -> Cost:
     """Cost of `modes`, `rom` or `spectrum` with this config."""
     law = "rom" if stage == "rom" else "modes"
     modes = config.validation.truth.modes if stage == "spectrum" else config.rom.modes
@@ -130,6 +150,38 @@ def of_pool_in_words(config: PlacementConfig, m: int, n: int) -> str:
         f"load case takes about {time} of processor time and {cost.memory:.2g} GiB of memory, within a factor of three. Reduce "
         "screen.keep to save time"
     )
+
+
+GRID_POINTS = (1, 9, 59, 329)
+"""Points of the parameter grid for up to three parameters."""
+
+
+def cost_of_validate(config: PlacementConfig, size: Size) -> Cost:
+    """Cost of `validate` with this config."""
+    settings, by_grid = config.validation, config.filter.method == "grid"
+    points = GRID_POINTS[min(_parameters(config), 3)] if by_grid else 1
+    steps = settings.duration / settings.time_step
+    k = states_of(config, varies_apart(config, size)) / 23
+    runs = runs_of(settings) * k**2 + 4 * k**3
+    seconds = 2.5 + 4.5e-5 * size.unknowns + runs * (0.7 + points) * (0.016 + 1e-4 * steps)
+    return Cost(seconds, memory_of_validate(size))
+
+
+def runs_of(settings: Validate) -> int:
+    """Number of filter runs r in addition to that of the layout."""
+    sweeps = settings.sweeps
+    swept = len(sweeps.time_steps) + len(sweeps.process_noise) + sum(map(len, sweeps.wrong_parameters.values()))
+    return settings.repeats + 2 * settings.random_sets + len(settings.noise_factors) + swept
+
+
+def memory_of_validate(size: Size) -> float:
+    """Peak memory of `validate` [GiB], not exceeded by `report`."""
+    return 0.35 + 4.7e-6 * size.unknowns
+
+
+def cost_of_report(size: Size) -> Cost:
+    """Cost of `report`."""
+    return Cost(4.5 + 2.5e-5 * size.unknowns, memory_of_validate(size))
 
 
 def states_of(config: PlacementConfig, varying: bool = False) -> int:

@@ -44,14 +44,6 @@ from strainsight.records.training import Training
 from strainsight.rom.model import quasi_static
 from strainsight.rom.reduction import held_out_errors, held_out_samples, only_scales, reduce_model
 
-READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free", "mesh.results", "solver")
-FILES = (
-    *("mesh.matrices.numbering", "mesh.matrices.stiffness.*.file", "mesh.matrices.mass.*.file"),
-    *("mesh.results.file", "mesh.results.modes.file", "mesh.results.loads.*.file"),
-    *("mesh.results.second.file", "mesh.results.second.modes.file", "mesh.results.second.loads.*.file"),
-)
-"""Files declared by stages that call `full_model`."""
-
 
 def full_model(
     config: MeshFile,
@@ -63,7 +55,7 @@ def full_model(
 ) -> FullModel:
     """Assemble the model, or import it from `mesh.matrices` or `mesh.results`; constrained, and affine in the parameters.
 
-    config: section `mesh`, of which READS are read; loads: whose static responses are imported with results; by: factorisation of
+    config: section `mesh`; loads: whose static responses are imported with results; by: factorisation of
     the stiffness. The mesh gets densities and sections of the parameter references."""
     if config.results is not None:
         full = model_of_results(config, mesh, parameters, files, loads)

@@ -33,25 +33,6 @@ from strainsight.mesh.thin import BeamBlock, ShellBlock
 from strainsight.runner.artefact import Artefact
 from strainsight.sensors.zones import admissible
 
-KINDS_OF_LOAD = (
-    "loads.*.moment",
-    "loads.*.bearing",
-    "loads.*.pressure",
-    "loads.*.factor",
-    "loads.*.gravity",
-    "loads.*.rotation",
-)
-"""Keys that determine the kind and unit of a load."""
-WHERE_LOADS_ACT = ("loads.*.node", "loads.*.set", "loads.*.deck_load", "loads.*.direction", *KINDS_OF_LOAD)
-"""Keys read by `point_loads`."""
-WHAT_IS_FREE = (
-    "parameters.*.property",
-    "parameters.*.region",
-    "parameters.*.springs",
-    "parameters.*.material",
-    "parameters.*.range",
-)
-"""Keys read by `parameters_of`, except the guess."""
 PARAMETER_UNITS = {
     "youngs_modulus": "Pa",
     "density": "kg/m^3",
@@ -304,18 +285,6 @@ def unknowns_of(
 
 def _input_model(noise: InputNoise, frequency: float) -> InputModel:
     return input_model(noise.model, frequency, noise.kappa, noise.smoothness, noise.damping)
-
-
-WHERE_SENSORS_ARE = (
-    "gauges.surface",
-    "gauges.include",
-    "gauges.exclude",
-    "gauges.strain_operator",
-    "motion_sensors.*.surface",
-    "motion_sensors.*.include",
-    "motion_sensors.*.exclude",
-)
-READS = (*WHAT_IS_FREE, "parameters.*.guess", *WHERE_LOADS_ACT, *WHERE_SENSORS_ARE)
 
 
 def check_references(config: PlacementConfig, mesh: Mesh) -> None:

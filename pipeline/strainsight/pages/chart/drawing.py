@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -145,12 +145,14 @@ def styled(style: Mapping[str, Any] = STYLE) -> Iterator[None]:
 
 def svg(canvas: Figure) -> bytes:
     """Deterministic SVG of a figure, with coordinates to a hundredth of a point."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     def hundredth(match: re.Match[str]) -> str:
         return f"{float(match[0]):.2f}".rstrip("0").rstrip(".")
 
     nothing: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    text = saved(canvas, format="svg", metadata=nothing).decode()
+    # print_svg computes the layout and draws; savefig would draw everything once more for the layout
+    text = _written(FigureCanvasSVG(canvas).print_svg, metadata=nothing).decode()
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.S)
     # only inside attributes, not in tick labels
     text = re.sub(r'"[^"<>]*"', lambda quoted: re.sub(r"-?\d+\.\d{3,}", hundredth, quoted[0]), text)
@@ -176,9 +178,14 @@ def recorded_figures() -> Iterator[dict[bytes, Figure]]:
 
 
 def saved(canvas: Figure, **options: Any) -> bytes:
-    """Figure as a file with options of `savefig`; missing glyphs are ignored, as the reader's fonts are used."""
+    """Figure as a file with options of `savefig`."""
+    return _written(canvas.savefig, **options)
+
+
+def _written(write: Callable[..., None], **options: Any) -> bytes:
+    """Content that a method of Matplotlib writes; missing glyphs are ignored, as the reader's fonts are used."""
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=r"Glyph \d+ .*missing from font")
-        canvas.savefig(buffer, **options)
+        write(buffer, **options)
     return buffer.getvalue()
