@@ -181,7 +181,7 @@ def forecast_call(tmp_path):
 
 
 FORECAST = (
-    "forecast: modes 1 s, rom 1 s, place 4 s, spectrum 1 s, validate 3 s and report 5 s for 246 degrees of freedom, 0.35 GiB; "
+    "forecast: modes 1 s, rom 1 s, place 3 s, spectrum 1 s, validate 4 s and report 5 s for 246 degrees of freedom, 0.35 GiB; "
     "the forecast of processor time and memory"
 )
 

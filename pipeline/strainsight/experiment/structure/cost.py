@@ -10,7 +10,7 @@ N unknowns before the supports; e elements through the thickness. The exponents 
 s scenarios, m candidates, n states. n is an estimate, as the reduced basis is known only after `rom`. If materials vary
 independently, half of the shapes of the other samples are counted. Memory: one row of n for every candidate and scenario.
 
-`validate`: seconds = 2.5 + 4.5e-5 N + (r k² + 4 k³)(0.7 + B)(0.016 + 1e-4 T), k = n/23        GiB = 0.35 + 4.7e-6 N
+`validate`: seconds = 3.5 + 4.5e-5 N + (r k² + 8 k³)(0.7 + B)(0.01 + 3e-5 T), k = n/23        GiB = 0.35 + 4.7e-6 N
 `report`:   seconds = 4.5 + 2.5e-5 N
 
 r filter runs of T time steps in addition to that of the layout, which has a smoother and other filters for comparison; B points
@@ -162,8 +162,8 @@ def cost_of_validate(config: PlacementConfig, size: Size) -> Cost:
     points = GRID_POINTS[min(_parameters(config), 3)] if by_grid else 1
     steps = settings.duration / settings.time_step
     k = states_of(config, varies_apart(config, size)) / 23
-    runs = runs_of(settings) * k**2 + 4 * k**3
-    seconds = 2.5 + 4.5e-5 * size.unknowns + runs * (0.7 + points) * (0.016 + 1e-4 * steps)
+    runs = runs_of(settings) * k**2 + 8 * k**3
+    seconds = 3.5 + 4.5e-5 * size.unknowns + runs * (0.7 + points) * (0.01 + 3e-5 * steps)
     return Cost(seconds, memory_of_validate(size))
 
 
