@@ -115,16 +115,11 @@ def _lines(signal: Signal) -> list[tuple[float, complex]]:
         case Sine():
             return [(signal.frequency, -1j * signal.amplitude * np.exp(1j * signal.phase))]
         case MultiSine():
-            frequency, phase = multisine(signal)
+            phase = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, signal.count)
+            frequency = np.linspace(signal.lowest, signal.highest, signal.count)
             amplitude = -1j * signal.amplitude / np.sqrt(signal.count) * np.exp(1j * phase)
             return list(zip(frequency.tolist(), amplitude.tolist(), strict=True))
     raise TypeError(f"the signal must be of type constant, sine or multisine, but is {signal!r}")
-
-
-def multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and phases [rad]."""
-    phase = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, signal.count)
-    return np.linspace(signal.lowest, signal.highest, signal.count), phase
 
 
 def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:

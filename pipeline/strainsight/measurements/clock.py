@@ -83,7 +83,10 @@ def uniform_clock(recording: Recording) -> Clock:
             remedy="cut the record at the gap, or correct the time stamp after the gap",
         )
     gaps = np.flatnonzero(whole > 1)
-    notes = corrected + tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
+    notes = corrected + tuple(
+        f"rows without samples were inserted after {t[i]:.9g} s ({int(whole[i]) - 1} in total, {recording.place(int(i) + 1)})"
+        for i in gaps[:10]
+    )
     if gaps.size > 10:
         notes += (
             f"rows without samples were also inserted in the later gaps (number of gaps: {gaps.size - 10}, number of rows: "
@@ -196,10 +199,6 @@ def _refuse_interval(recording: Recording, i: int, steps: float, step: float, ma
         where=recording.place(i + 1),
         remedy=FIXED_RATE if many else "cut the record at this time, or correct the time stamps",
     )
-
-
-def _gap_note(recording: Recording, i: int, missing: int) -> str:
-    return f"rows without samples were inserted after {recording.time[i]:.9g} s ({missing} in total, {recording.place(i + 1)})"
 
 
 def _fit_line(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:

@@ -36,13 +36,8 @@ ROOT = Path(strainsight.__file__).parent
 def code_of(run: Callable[..., object]) -> str:
     """First 16 digits of sha256 over the source of all modules of the package that the function of a stage imports or names, and
     of their styles and scripts. The versions of other packages are in the lock file."""
-    return digest_of(closure(run.__module__))
-
-
-def digest_of(modules: frozenset[str]) -> str:
-    """Digest of the names and sources of modules."""
     sha = hashlib.sha256()
-    for name in sorted(modules):
+    for name in sorted(closure(run.__module__)):
         sha.update(name.encode() + b"\0" + _digest(name))
     return sha.hexdigest()[:16]
 

@@ -204,10 +204,6 @@ DONE = "done"
 Progress = Callable[[str, str, float], None]
 
 
-def no_progress(stage: str, activity: str, share: float) -> None:
-    """Default callback without output."""
-
-
 @dataclass(frozen=True)
 class Event:
     """Something happened to a stage: "running" as it starts, then "done"; or "up to date" alone.
@@ -227,7 +223,7 @@ def run(
     job: Job,
     *,
     forced: Collection[str] = (),
-    progress: Progress = no_progress,
+    progress: Progress = lambda *_: None,
     notice: Callable[[str], None] = lambda text: None,
     sweep: Sweep = serial,
 ) -> Iterator[Event]:

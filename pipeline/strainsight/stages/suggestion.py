@@ -57,7 +57,8 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
     region = max(count, key=lambda number: count[number]) if count else 1
     material = mesh.material_of(region) if count else None
     stiff = _modulus_and_density(mesh, region) if count else None
-    units = usual_units(*stiff) if stiff else _by_size(mesh) or ("m", "kg")
+    large = np.ptp(mesh.position, axis=0).max(initial=0.0) > 20  # tens of metres: the unit is probably the millimetre
+    units = usual_units(*stiff) if stiff else ("mm", "t") if large else ("m", "kg")
     converted = to_si(mesh, *units) if units else mesh
     if not thin:  # faces of shells whose thickness nobody has said lie nowhere yet
         converted = with_sides(with_faces(converted))
@@ -153,11 +154,6 @@ def _lacking(mesh: Mesh) -> Iterator[MissingMaterial]:
         if massless and (elastic := mesh.materials.get(material)):
             regions = tuple(number for number, its in of.items() if its == material and number not in plies)
             yield MissingMaterial(regions, elastic.youngs_modulus, elastic.poisson_ratio)
-
-
-def _by_size(mesh: Mesh) -> tuple[str, str] | None:
-    """Millimetres for what would be tens of metres long."""
-    return ("mm", "t") if np.ptp(mesh.position, axis=0).max(initial=0.0) > 20 else None
 
 
 def _of_mass(pulls: Sequence[BodyForce]) -> str:

@@ -325,20 +325,10 @@ def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[
                 what,
                 "set gravity: false for the sensor in the configs of both benches, or set estimate.measured.scale: 1",
             )
-    for name in measured.sensors:
-        yield from one_of(
-            f"estimate.measured.sensors.{name}",
-            name,
-            list(estimate.sensors),
-            f"no sensor in estimate.sensors has the name '{name}'",
-        )
-    for name in measured.inputs:
-        yield from one_of(
-            f"estimate.measured.inputs.{name}",
-            name,
-            list(estimate.inputs),
-            f"no load in estimate.inputs has the name '{name}'",
-        )
+    for kind, what in (("sensors", "sensor"), ("inputs", "load")):
+        for name in getattr(measured, kind):
+            text = f"no {what} in estimate.{kind} has the name '{name}'"
+            yield from one_of(f"estimate.measured.{kind}.{name}", name, list(getattr(estimate, kind)), text)
     if measured.run == config.name:
         what = "the measurements cannot come from this run itself"
         yield Problem("estimate.measured.from", what, "set the name of the run that simulates the measurements")

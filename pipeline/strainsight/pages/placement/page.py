@@ -91,13 +91,6 @@ def _worst_cases(report: PlacementReport) -> str:
     return f" Largest expected σ of the estimates over {cases} (loads: relative to the amplitude): {parts}."
 
 
-def placement_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
-    """First screen: unknowns, bound, gauges and cautions. Every number is a `data` element."""
-    order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
-    tiles = "".join(map(_tile, order)) + _bound_tile(report)
-    return sections.first_screen(tiles, _without(report) + pictured(report.layout, scene, problem), _cautions(report))
-
-
 def _sigma(unknown: Unknown) -> float | None:
     """σ to show first: of the filter if it ran, else expected by the placement."""
     if unknown.withheld:
@@ -295,8 +288,12 @@ def placement_page(
     assumption_rows = [[*map(escape, row)] for row in report.assumes]
     head = ("item", "number", "detail")
     assumes = table("assumptions", head, assumption_rows, numeric=(1,)) if assumption_rows else ""
+    # every number of the first screen is a `data` element
+    order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
+    tiles = "".join(map(_tile, order)) + _bound_tile(report)
+    picture = _without(report) + pictured(report.layout, scene, scene_problem)
     parts = (
-        placement_screen(report, scene, scene_problem),
+        sections.first_screen(tiles, picture, _cautions(report)),
         sections.notes_card("Test", words * bool(report.test)),
         sections.section("Remark", escape(report.settings.remark).replace("\n", "<br>"), "remark"),
         space_section([("", report.layout)], shapes),
