@@ -14,7 +14,7 @@ from strainsight.fem.equations import joined
 from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.patch import Patch
 from strainsight.fem.shells_and_beams import thin_mass
-from strainsight.mesh.facets import Facets, all_facets, consistent_forces, facet_key
+from strainsight.mesh.facets import Facets, consistent_forces, facets_of_face
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import with_midsides
@@ -144,12 +144,8 @@ Traction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 def traction_forces(mesh: Mesh, face: str, traction: Traction) -> NodalForces:
     """f_a = ∫ N_a t dA over a face of the mesh, on all its nodes; with the quadrature rule of the facets' N Nᵀ."""
-    facets, face_facets = all_facets(mesh), mesh.faces[face]
-    chosen = np.isin(facets.key, facet_key(*face_facets.T))
     force, on_face = np.zeros_like(mesh.position), np.zeros(len(mesh.position), dtype=bool)
-    for number in np.unique(facets.kind[chosen]):
-        kind = FACETS[number]
-        nodes = facets.nodes[chosen & (facets.kind == number), : len(kind.nodes)]
+    for kind, nodes in facets_of_face(mesh, face).by_kind():
         facet_forces = consistent_forces(
             mesh.position, kind, nodes, lambda x, n, _: traction(x.reshape(-1, 3), n.reshape(-1, 3)).reshape(x.shape)
         )
@@ -169,11 +165,8 @@ def bearing(mesh: Mesh, face: str, direction: np.ndarray) -> NodalForces:
     """Bearing pressure of a pin on a bore along the unit direction (3,):  t = −n p,  p ∝ max(0, −n·d),  a unit force along d.
 
     The force is zero if no part of the face is turned against d."""
-
-    def bearing_traction(x: np.ndarray, n: np.ndarray) -> np.ndarray:
-        return -n * np.maximum(0.0, -(n @ direction))[:, None]
-
-    return _scale_to_unit(traction_forces(mesh, face, bearing_traction), direction)
+    forces = traction_forces(mesh, face, lambda x, n: -n * np.maximum(0.0, -(n @ direction))[:, None])
+    return _scale_to_unit(forces, direction)
 
 
 def pressure(mesh: Mesh, face: str) -> NodalForces:

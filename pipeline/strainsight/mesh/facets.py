@@ -62,6 +62,12 @@ class Facets:
             "nodes": self.nodes[index],
         }
 
+    def by_kind(self) -> Iterator[tuple[Kind, IntArray]]:
+        """Every kind that occurs, in the order of FACETS, and the nodes (f, k) of its facets."""
+        for code in np.unique(self.kind):
+            kind = FACETS[code]
+            yield kind, self.nodes[self.kind == code, : len(kind.nodes)]
+
     @property
     def key(self) -> IntArray:
         """(f,): one number for element and local number."""
@@ -120,6 +126,12 @@ def all_facets(mesh: Mesh) -> Facets:
     order = np.lexsort((columns[1], columns[0]))
     facets = Facets(*(column[order] for column in columns))
     return replace(facets, corners=_coincident_corners(mesh)[facets.nodes[:, :4]]) if mesh.beams else facets
+
+
+def facets_of_face(mesh: Mesh, name: str) -> Facets:
+    """The facets of a named face (`Mesh.faces`)."""
+    facets = all_facets(mesh)
+    return facets.some(np.isin(facets.key, facet_key(*mesh.faces[name].T)))
 
 
 def _coincident_corners(mesh: Mesh) -> IntArray:

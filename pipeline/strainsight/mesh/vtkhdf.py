@@ -73,13 +73,12 @@ def unstructured_grid(
     return VtkHdf(datasets, attributes)
 
 
-def facet_cells(facets: Facets, corner: IntArray | None = None) -> tuple[IntArray, tuple[CellBlock, ...], IntArray]:
+def facet_cells(facets: Facets) -> tuple[IntArray, tuple[CellBlock, ...], IntArray]:
     """A surface as a separate grid, without the points inside the solid.
 
-    corner (f, 8): alternative point numbers of the facets, padded with −1. Returns the numbers that occur (s,), ascending, to
-    select point data; the facets as cells, kind by kind, with the ids of their elements, on points 0 … s − 1; and the order
-    (f,) of the facets, to select cell data."""
-    nodes = facets.nodes if corner is None else corner
+    Returns the node numbers that occur (s,), ascending, to select point data; the facets as cells, kind by kind, with the ids of
+    their elements, on points 0 … s − 1; and the order (f,) of the facets, to select cell data."""
+    nodes = facets.nodes
     used = np.unique(nodes[nodes >= 0])
     order = np.argsort(facets.kind, kind="stable")
     blocks = []

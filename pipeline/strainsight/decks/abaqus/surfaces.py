@@ -108,7 +108,7 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
             elif solids.size:
                 with mesh.located():
                     outside = exterior_facets(mesh) if outside is None else outside
-                pairs = _by_kind(outside.some(np.isin(outside.element_id, assembly.element_ids[solids])))
+                pairs = [*outside.some(np.isin(outside.element_id, assembly.element_ids[solids])).by_kind()]
             else:
                 pairs = []
             sides, lines = _of_shells(assembly, row, rows[family[rows] == "shell"])
@@ -185,15 +185,6 @@ def facets_of(
         kind, local = facets[number - 1]
         facets_by_kind.append((kind, assembly.connectivity(rows[assembly.kind[rows] == i], local)))
     return facets_by_kind
-
-
-def _by_kind(facets: Facets) -> list[tuple[Kind, IntArray]]:
-    """Kind and nodes (f, k) of facets."""
-    return [
-        (kind, facets.nodes[facets.kind == i][:, : len(kind.nodes)])
-        for i, kind in enumerate(FACETS)
-        if (facets.kind == i).any()
-    ]
 
 
 def _shares(assembly: Assembly, kind: Kind, nodes: IntArray) -> tuple[IntArray, FloatArray]:
