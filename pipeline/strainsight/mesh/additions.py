@@ -13,7 +13,7 @@ import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.anisotropic import Anisotropic, Layer, Orientation
-from strainsight.mesh.facets import Facets, facets_of_face
+from strainsight.mesh.facets import Facets, by_kind, facets_of_face
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement, Springs
 from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, IntArray, Material, Mesh
 from strainsight.mesh.thin import Lamina, Ply
@@ -283,7 +283,8 @@ def face_springs(mesh: Mesh, name: str, face: str, stiffness: Sequence[float]) -
     One spring at each quadrature point of the facets and component, stretched by the motion Σ N_a z_a there; stiffness (3,)
     [N/m] of the whole bed along the basic axes."""
     parts, count = [], 0
-    for kind, nodes in facets_of_face(mesh, face).by_kind():
+    facets = facets_of_face(mesh, face)
+    for kind, _, nodes in by_kind(facets.kind, facets.nodes):
         xi, w = kind.mass
         N, dN = kind.functions(xi)
         J = np.einsum("qad,fac->fqcd", dN, mesh.position[nodes])

@@ -62,12 +62,6 @@ class Facets:
             "nodes": self.nodes[index],
         }
 
-    def by_kind(self) -> Iterator[tuple[Kind, IntArray]]:
-        """Every kind that occurs, in the order of FACETS, and the nodes (f, k) of its facets."""
-        for code in np.unique(self.kind):
-            kind = FACETS[code]
-            yield kind, self.nodes[self.kind == code, : len(kind.nodes)]
-
     @property
     def key(self) -> IntArray:
         """(f,): one number for element and local number."""
@@ -76,6 +70,14 @@ class Facets:
     def of(self, blocks: Sequence[CellBlock | ShellBlock | BeamBlock]) -> NDArray[np.bool_]:
         """Which facets (f,) belong to the elements of some blocks."""
         return np.isin(self.element_id, concatenate(block.ids for block in blocks))
+
+
+def by_kind(code: IntArray, nodes: IntArray) -> Iterator[tuple[Kind, IntArray, IntArray]]:
+    """(kind, facets (m,), nodes (m, k) unpadded) of every facet kind that occurs; code (f,) into FACETS, nodes (f, 8)."""
+    for number in np.unique(code):
+        kind = FACETS[number]
+        which = np.flatnonzero(code == number)
+        yield kind, which, nodes[which, : len(kind.nodes)]
 
 
 def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:

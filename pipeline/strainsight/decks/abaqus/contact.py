@@ -94,7 +94,9 @@ def _pairs(surfaces: Surfaces, keywords: Sequence[Keyword]) -> Iterator[Pair]:
         adjust = keyword.parameters.get("ADJUST", "")
         tied = "TIED" in keyword.parameters or keyword.word("INTERACTION") in tying
         for row in keyword.rows():
-            yield Pair(row, *surfaces.find_pair(scope, row), parse_real(adjust) if adjust else None, tied)
+            # a line with one name is the contact of a surface with itself
+            first, second = (surfaces.find(row.text(i) or row.text(0), scope, row) for i in (0, 1))
+            yield Pair(row, first, second, parse_real(adjust) if adjust else None, tied)
 
 
 def _tying_interactions(keywords: Sequence[Keyword]) -> set[str]:
