@@ -14,20 +14,6 @@ SIGNED_VON_MISES, PRINCIPAL = 0, 1
 """Scalar stress measures."""
 
 
-def rainflow(signal: np.ndarray) -> np.ndarray:
-    """Cycles (c, 3) of a signal (T,): range, mean [both in its unit] and count, ½ or 1 [-].
-
-    Reversals are the first sample, peaks and valleys, and the last sample. A range that the next one is not smaller than is a
-    cycle, or half of one where it begins at the first reversal that is left; what remains at the end are half cycles.
-    Peaks between samples are not seen: of a sine of n samples a period a range is up to 1 − cos(π/n) too small.
-    Raises ValueError for NaN. Source: ASTM E1049-85 (2017), 5.4.4."""
-    samples = np.ascontiguousarray(signal, dtype=float)
-    if not np.isfinite(samples).all():
-        raise ValueError("the signal contains NaN or infinite values, so load cycles cannot be counted")
-    cycles = np.empty((len(samples), 3))
-    return cycles[: _count(samples, np.empty((2, len(samples))), cycles)]
-
-
 @njit(cache=True, nogil=True)
 def _reversals(signal, out):  # type: ignore[no-untyped-def]
     """Write first sample, peaks, valleys and last sample to out (T,); return their number."""
@@ -45,7 +31,12 @@ def _reversals(signal, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _count(signal, work, cycles):  # type: ignore[no-untyped-def]
-    """Write the cycles by ASTM E1049 5.4.4 to cycles (T, 3): range, mean, ½ or 1; return their number. work (2, T)."""
+    """Write the cycles of a signal (T,) to cycles (T, 3): range, mean, ½ or 1; return their number. work (2, T).
+
+    Reversals are the first sample, peaks and valleys, and the last sample. A range that the next one is not smaller than is a
+    cycle, or half of one where it begins at the first reversal that is left; what remains at the end are half cycles.
+    Peaks between samples are not seen: of a sine of n samples a period a range is up to 1 − cos(π/n) too small.
+    Source: ASTM E1049-85 (2017), 5.4.4."""
     turns = _reversals(signal, work[0])
     stack, height, count = work[1], 0, 0
     for i in range(turns):
@@ -186,12 +177,6 @@ class Curve:
         second = self.slope if np.isinf(self.second) else self.second
         return (self.reference, self.cycles, self.slope, self.knee_range, second, self.cut_off_range)
 
-    def damage(self, range_: np.ndarray) -> np.ndarray:
-        """1/N [-] of one cycle of each range [Pa]."""
-        return np.array(
-            [_cycle_damage(float(stress_range), self.numbers) for stress_range in np.ravel(range_)]
-        ).reshape(np.shape(range_))
-
 
 @dataclass(frozen=True)
 class MeanStress:
@@ -207,10 +192,6 @@ class MeanStress:
 
     rule: int = NONE
     constant: float = 0.0
-
-    def equivalent(self, range_: np.ndarray, mean: np.ndarray) -> np.ndarray:
-        """Ranges [Pa] of cycles (c,) by their ranges and means [Pa]."""
-        return np.array([_correct(r, m, self.rule, self.constant) for r, m in zip(range_, mean, strict=True)])
 
 
 KINDS = {"signed_von_mises": SIGNED_VON_MISES, "principal": PRINCIPAL}

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
+from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from strainsight.errors import MachineWarning
@@ -52,13 +53,7 @@ def serial(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: 
 
 def watched(sweep: Sweep, watcher: Progress) -> Sweep:
     """The same sweep, which calls `watcher` with its progress."""
-
-    def with_progress(
-        task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = watcher
-    ) -> list[R]:
-        return sweep(task, points, shared, progress)
-
-    return with_progress
+    return partial(sweep, progress=watcher)
 
 
 Captured = tuple[Any, list[tuple[str, type[Warning]]]]

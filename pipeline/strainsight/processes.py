@@ -373,8 +373,6 @@ def peak_memory(children: bool = False) -> int | None:
 def end_with_parent() -> None:
     """In a child process: the kernel ends it with the thread that started it, however that ends."""
     if sys.platform == "linux":
-        import ctypes
-
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 

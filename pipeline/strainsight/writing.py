@@ -33,7 +33,7 @@ def write_file(path: Path, content: bytes) -> None:
     """Write the file, complete or not at all. Raises UserError for a folder, a pipe or a device of that name."""
     if path.exists() and not path.is_file():
         raise UserError("the path is not a regular file", where=str(path), remedy="use another file name")
-    part = temporary(path, partial(write_bytes, content))
+    part = temporary(path, partial(Path.write_bytes, data=content))
     try:
         replace_file(part, path)
     finally:
@@ -61,11 +61,6 @@ def temporary(path: Path, write: Callable[[Path], Any]) -> Path:
         part.unlink(missing_ok=True)
         raise
     return part
-
-
-def write_bytes(content: bytes, part: Path) -> None:
-    """For `temporary`."""
-    part.write_bytes(content)
 
 
 def replace_file(part: Path, path: Path) -> None:

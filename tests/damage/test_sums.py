@@ -15,10 +15,12 @@ from strainsight.damage import (
     Curve,
     Interval,
     MeanStress,
+    _correct,
+    _count,
+    _cycle_damage,
     damage_of,
     equivalent_range,
     interval_of,
-    rainflow,
     scalar_stress,
 )
 
@@ -48,10 +50,10 @@ def test_second_slope_and_cut_off_are_those_of_the_standard():
     assert knee / 71e6 == pytest.approx(0.737, abs=5e-4)
     assert cut_off / knee == pytest.approx(0.549, abs=5e-4)
     ranges = np.array([0.99 * cut_off, 1.01 * cut_off, 0.5 * (knee + cut_off), knee, 71e6, 1e9])
-    N = 1 / TWO_LINES.damage(ranges[1:])
+    N = 1 / np.array([_cycle_damage(each, TWO_LINES.numbers) for each in ranges[1:]])
     np.testing.assert_allclose(N[:2], 5e6 * (knee / ranges[1:3]) ** 5, rtol=1e-12)
     np.testing.assert_allclose(N[2:], [5e6, 2e6, 2e6 * (71e6 / 1e9) ** 3], rtol=1e-9)
-    assert TWO_LINES.damage(ranges[:1])[0] == 0
+    assert _cycle_damage(ranges[0], TWO_LINES.numbers) == 0
 
 
 def test_no_second_slope_is_no_damage_below_the_knee():
@@ -106,9 +108,9 @@ def test_fkm_at_its_corners():
     means = a * np.array([-5.0, -1.0, 0.0, 1.0, 3.0, 9.0])
     last = (1 + M) ** 2 / (1 + M / 3)
     expected = 2 * a * np.array([1 - M, 1 - M, 1.0, 1 + M, last, last])
-    np.testing.assert_allclose(MeanStress(FKM, M).equivalent(np.full(6, 2 * a), means), expected, rtol=1e-12)
+    np.testing.assert_allclose([_correct(2 * a, mean, FKM, M) for mean in means], expected, rtol=1e-12)
     for mean in means[1:5]:
-        near = MeanStress(FKM, M).equivalent(np.full(2, 2 * a), mean + np.array([-1.0, 1.0]))
+        near = [_correct(2 * a, mean + step, FKM, M) for step in (-1.0, 1.0)]
         assert abs(near[1] - near[0]) < 4
 
 
@@ -175,8 +177,11 @@ def test_widened_interval_has_its_median_and_a_multiple_of_its_width_in_logarith
     np.testing.assert_allclose(wider.low, [0.5, 0.0, 3.0, np.nan])
     np.testing.assert_allclose(wider.high, [32.0, 1.0, np.inf, np.nan])
     assert found.widened(1.0) is found
-    with pytest.raises(ValueError, match="NaN"):
-        rainflow(np.array([0.0, np.nan, 1.0]))
+
+
+def rainflow(signal):
+    cycles = np.empty((len(signal), 3))
+    return cycles[: _count(signal, np.empty((2, len(signal))), cycles)]
 
 
 def by_range(cycles):

@@ -341,7 +341,6 @@ def test_the_cantilever_agrees_with_its_modes_as_far_as_these_go():
     fine = transient(model, S, {}, damping, held, h, rows, highest=7000.0)
     assert np.abs(fine.reading - strain[0]).max() < np.abs(strain[1] - strain[0]).max()
     plain = transient(model, S, {}, damping, held, h, rows)
-    assert (plain.order, plain.substeps) == (3, 1)
     assert np.abs(plain.reading - strain[0]).max() < 5e-4 * peak
 
 

@@ -245,19 +245,6 @@ def test_vtkhdf_steps_update_only_time_dependent_data(tmp_path):
         assert mesh.n_cells == m
 
 
-def test_vtkhdf_surface_accepts_alternative_point_numbers():
-    nodes = np.full((2, 8), -1)
-    nodes[:, :3] = [[0, 1, 2], [1, 3, 2]]
-    corner = np.full((2, 8), -1)
-    corner[:, :3] = [[10, 11, 12], [20, 22, 21]]
-    one = np.array([1, 2])
-    facets = Facets(element_id=one, facet=one, kind=np.zeros(2, dtype=np.int64), nodes=nodes, region=one)
-    used, (block,), order = facet_cells(facets, corner)
-    np.testing.assert_array_equal(used, [10, 11, 12, 20, 21, 22])
-    np.testing.assert_array_equal(block.nodes, [[0, 1, 2], [3, 5, 4]])
-    np.testing.assert_array_equal(order, [0, 1])
-
-
 def test_a_surface_of_two_kinds_is_two_blocks_on_the_nodes_it_has():
     """A quadrangle on nodes 5, 2, 9, 7, and a triangle beside it."""
     nodes = np.full((2, 8), -1)

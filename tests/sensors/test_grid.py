@@ -10,12 +10,11 @@ import pytest
 from scipy.optimize import fsolve
 
 from strainsight.errors import InfeasibleError, UserError
-from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.facets import Facets, by_kind, exterior_facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import Candidates, candidates
 from strainsight.sensors.strain_operator import channel_matrix, channel_rows, fits
-from strainsight.sensors.surface import by_kind
 from strainsight.sensors.surface_paths import locate, project, skin_of
 
 from ..refusals import expect_refusal

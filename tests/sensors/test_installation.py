@@ -12,7 +12,6 @@ from scipy.stats import chi2
 from strainsight.sensors.candidates import ACCELERATION, candidates, concatenate, motion_candidates
 from strainsight.sensors.installation import (
     COMMON,
-    PER_CHANNEL,
     SECOND,
     InstallationStd,
     installation_variance,
@@ -25,7 +24,7 @@ from strainsight.sensors.strain_operator import channel_rows, fits, misplaced
 from .conftest import KINDS, bare, misplaced_rows, plate, tube
 
 STD = InstallationStd(position=0.03, angle=0.05, gain=0.02, transverse=0.01, offset=3e-6, drift=2e-6)
-FIRST = tuple(name for name in (*COMMON, *PER_CHANNEL) if name not in SECOND)
+FIRST = tuple(name for name in (*COMMON, "gain", "transverse", "mesh") if name not in SECOND)
 
 
 def pool_of(position, facets, bare):

@@ -232,8 +232,7 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
     from distributed import KilledWorker
 
     async def gathered() -> list[Captured]:
-        values: list[Captured] = await client.gather(list(done), asynchronous=True)
-        return values
+        return await client.gather(list(done), asynchronous=True)
 
     try:
         values = client.sync(gathered, callback_timeout=CARRYING * SILENT)
@@ -251,12 +250,9 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
 def _identities(client: Any) -> dict[str, Any]:
     """Worker → its description by the scheduler; raises _SilentError without an answer."""
     try:
-        workers: dict[str, Any] = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)[
-            "workers"
-        ]
+        return client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)["workers"]
     except TimeoutError:
         raise _SilentError from None
-    return workers
 
 
 def _look_for_workers(client: Any, watch: _Watch) -> None:

@@ -120,7 +120,7 @@ def format_of(path: Path) -> str:
     ending = endings[-1] if endings else ""
     reader = next((name for name, known in FORMATS.items() if ending in known), "meshio")
     if reader == "gmsh":
-        from strainsight.decks.gmsh.mesh import is_gmsh
+        from strainsight.decks.gmsh.sections import is_gmsh
 
         return reader if is_gmsh(path) else "meshio"
     return reader

@@ -85,14 +85,6 @@ class Coefficient:
     bases: tuple[Newton, ...]
     weights: np.ndarray
 
-    def at(self, theta: Mapping[str, Any]) -> Any:
-        """c(θ); values of θ may be arrays of any common shape."""
-        return _summed(self.weights[None], [basis.at(theta)[0] for basis in self.bases])[0]
-
-    def derivative(self, name: str, theta: Mapping[str, Any]) -> Any:
-        """∂c/∂θ_name."""
-        return _summed(self.weights[None], [basis.at(theta)[basis.parameter == name] for basis in self.bases])[0]
-
     def times(self, name: str) -> Coefficient:
         """θ_name c(θ), where c does not depend on θ_name."""
         return Coefficient((Newton(name), *self.bases), np.stack([0 * self.weights, self.weights]))

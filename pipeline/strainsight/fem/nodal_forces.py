@@ -14,7 +14,7 @@ from strainsight.fem.equations import joined
 from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.patch import Patch
 from strainsight.fem.shells_and_beams import thin_mass
-from strainsight.mesh.facets import Facets, all_facets, consistent_forces, facet_key
+from strainsight.mesh.facets import CODE, Facets, by_kind, consistent_forces, facets_of_face
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import with_midsides
@@ -144,12 +144,9 @@ Traction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 def traction_forces(mesh: Mesh, face: str, traction: Traction) -> NodalForces:
     """f_a = ∫ N_a t dA over a face of the mesh, on all its nodes; with the quadrature rule of the facets' N Nᵀ."""
-    facets, face_facets = all_facets(mesh), mesh.faces[face]
-    chosen = np.isin(facets.key, facet_key(*face_facets.T))
     force, on_face = np.zeros_like(mesh.position), np.zeros(len(mesh.position), dtype=bool)
-    for number in np.unique(facets.kind[chosen]):
-        kind = FACETS[number]
-        nodes = facets.nodes[chosen & (facets.kind == number), : len(kind.nodes)]
+    facets = facets_of_face(mesh, face)
+    for kind, _, nodes in by_kind(facets.kind, facets.nodes):
         facet_forces = consistent_forces(
             mesh.position, kind, nodes, lambda x, n, _: traction(x.reshape(-1, 3), n.reshape(-1, 3)).reshape(x.shape)
         )
@@ -169,11 +166,8 @@ def bearing(mesh: Mesh, face: str, direction: np.ndarray) -> NodalForces:
     """Bearing pressure of a pin on a bore along the unit direction (3,):  t = −n p,  p ∝ max(0, −n·d),  a unit force along d.
 
     The force is zero if no part of the face is turned against d."""
-
-    def bearing_traction(x: np.ndarray, n: np.ndarray) -> np.ndarray:
-        return -n * np.maximum(0.0, -(n @ direction))[:, None]
-
-    return _scale_to_unit(traction_forces(mesh, face, bearing_traction), direction)
+    forces = traction_forces(mesh, face, lambda x, n: -n * np.maximum(0.0, -(n @ direction))[:, None])
+    return _scale_to_unit(forces, direction)
 
 
 def pressure(mesh: Mesh, face: str) -> NodalForces:
@@ -217,17 +211,16 @@ class Tractions:
     def cut(self, fine: Refined) -> Tractions:
         """The same tractions on the parts of the facets in a finer mesh."""
         parts = [(self.kind[:0], self.nodes[:0], self.value[:0])]
-        for code in np.unique(self.kind):
-            of_kind, kind = self.kind == code, FACETS[code]
+        for kind, which, around in by_kind(self.kind, self.nodes):
             for name, corners in kind.split:
-                number = next(i for i, each in enumerate(FACETS) if each.name == name)
+                number = CODE[name]
                 xi = with_midsides(corners, FACETS[number].edges)
-                nodes, value = np.full((of_kind.sum(), 8), -1), np.zeros((of_kind.sum(), *self.value.shape[1:]))
-                nodes[:, : len(xi)] = fine.nodes_at(kind, self.nodes[of_kind][:, : len(kind.nodes)], xi)
+                nodes, value = np.full((len(which), 8), -1), np.zeros((len(which), *self.value.shape[1:]))
+                nodes[:, : len(xi)] = fine.nodes_at(kind, around, xi)
                 value[:, : len(xi)] = np.einsum(
-                    "qa,eacr->eqcr", kind.shape(xi), self.value[of_kind][:, : len(kind.nodes)]
+                    "qa,eacr->eqcr", kind.shape(xi), self.value[which][:, : len(kind.nodes)]
                 )
-                parts.append((np.full(of_kind.sum(), number), nodes, value))
+                parts.append((np.full(len(which), number), nodes, value))
         return Tractions(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def forces(self, position: np.ndarray) -> np.ndarray:
@@ -306,9 +299,7 @@ class _Rule:
 
 def _quadrature(position: np.ndarray, kinds: np.ndarray, nodes: np.ndarray) -> Iterator[_Rule]:
     """Quadrature of facets by kind: kinds (f,), nodes (f, 8)."""
-    for code in np.unique(kinds):
-        kind, which = FACETS[code], np.flatnonzero(kinds == code)
-        facet_nodes = nodes[which][:, : len(kind.nodes)]
+    for kind, which, facet_nodes in by_kind(kinds, nodes):
         xi, w = kind.mass
         N, J = kind.shape(xi), np.einsum("qka,ekc->eqca", kind.gradient(xi), position[facet_nodes])
         area = w * np.linalg.norm(np.cross(J[..., 0], J[..., 1]), axis=-1)

@@ -26,7 +26,7 @@ from strainsight.fem.elasticity import (
     lame,
     symmetric_gradient,
 )
-from strainsight.mesh.facets import Facets, on_solids
+from strainsight.mesh.facets import Facets, by_kind, on_solids
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, Kind, Rule
 from strainsight.mesh.model import CellBlock, Mesh
@@ -90,9 +90,8 @@ def strain_matrix(
 def _on_thin(mesh: Mesh, facets: Facets, laws: FacetLaws | None) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """(which facets (m,), their nodes (m, k), B (m, 6, k, 3)) of the faces of shells and the sides of beams."""
     thin_facets = np.flatnonzero(facets.of(mesh.thin))
-    for code in np.unique(facets.kind[thin_facets]):
-        kind, which = FACETS[code], thin_facets[facets.kind[thin_facets] == code]
-        nodes = facets.nodes[which, : len(kind.nodes)]
+    for kind, rows, nodes in by_kind(facets.kind[thin_facets], facets.nodes[thin_facets]):
+        which = thin_facets[rows]
         n, within = _along(kind, mesh.position[nodes], kind.centre)
         if len(kind.read_at):
             within = _strain_from_reading_points(kind, mesh.position[nodes], n)

@@ -65,14 +65,12 @@ TOLERANCE = 1e-4
 @dataclass(frozen=True)
 class Transient:
     """Readings at T + 1 instants: reading (T + 1, m), rows · z; acceleration (T + 1, a), acceleration rows · z̈; end
-    (2, n_free), z and ż at the last one. order of the scheme in the time step, substeps of every step, highest [Hz]: up to it
-    periods have an error of at most 1e-4, and no mode gains more damping than 1e-4."""
+    (2, n_free), z and ż at the last one. highest [Hz]: up to it periods have an error of at most 1e-4, and no mode gains more
+    damping than 1e-4."""
 
     reading: np.ndarray
     acceleration: np.ndarray
     end: np.ndarray
-    order: int
-    substeps: int
     highest: float
 
 
@@ -138,8 +136,6 @@ def transient(
         recorder.reading,
         recorder.acceleration,
         motion,
-        2 * scheme.degree - 1,
-        substeps,
         scheme.reach * substeps / (2 * np.pi * h),
     )
 

@@ -56,10 +56,6 @@ class Change:
     first: float
     second: float
 
-    def share(self, theta: float) -> float:
-        """(θ − θ₀)/(θ₁ − θ₀)."""
-        return (theta - self.first) / (self.second - self.first)
-
 
 @dataclass(frozen=True)
 class Observed:
@@ -72,17 +68,6 @@ class Observed:
     frequency: np.ndarray
     rounding: float
     notes: tuple[str, ...]
-
-
-def check_values(change: Change) -> None:
-    """Raise UserError if both sets have the same parameter value."""
-    if abs(change.second / change.first - 1) < 1e-6:
-        raise UserError(
-            f"both result sets have the same value {change.parameter.name} = {change.first:g}, so their difference does not "
-            "show the effect of this parameter",
-            key=f"{KEY}.at",
-            remedy="compute the second result set with a value of the parameter that differs by 20 % to 50 %",
-        )
 
 
 def check_supports(mesh: Mesh, imported: tuple[ImportedMotion, ImportedMotion]) -> None:
@@ -194,7 +179,13 @@ def build_two_set_model(
     supports, impossible frequency changes, regions with elements other than isotropic solids, a change that does not
     fit the regions, and a model that does not reproduce the modes of both sets."""
     parameter = change.parameter
-    check_values(change)
+    if abs(change.second / change.first - 1) < 1e-6:
+        raise UserError(
+            f"both result sets have the same value {parameter.name} = {change.first:g}, so their difference does not "
+            "show the effect of this parameter",
+            key=f"{KEY}.at",
+            remedy="compute the second result set with a value of the parameter that differs by 20 % to 50 %",
+        )
     check_supports(mesh, imported)
     stiff = of_stiffness(parameter.property)
     meshes = [

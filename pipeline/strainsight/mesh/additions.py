@@ -13,9 +13,8 @@ import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.anisotropic import Anisotropic, Layer, Orientation
-from strainsight.mesh.facets import Facets, all_facets, facet_key
+from strainsight.mesh.facets import Facets, by_kind, facets_of_face
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement, Springs
-from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, IntArray, Material, Mesh
 from strainsight.mesh.thin import Lamina, Ply
 from strainsight.mesh.units import rescaled
@@ -283,12 +282,9 @@ def face_springs(mesh: Mesh, name: str, face: str, stiffness: Sequence[float]) -
 
     One spring at each quadrature point of the facets and component, stretched by the motion Σ N_a z_a there; stiffness (3,)
     [N/m] of the whole bed along the basic axes."""
-    facets, face_facets = all_facets(mesh), mesh.faces[face]
-    chosen = np.isin(facets.key, facet_key(*face_facets.T))
     parts, count = [], 0
-    for number in np.unique(facets.kind[chosen]):
-        kind = FACETS[number]
-        nodes = facets.nodes[chosen & (facets.kind == number), : len(kind.nodes)]
+    facets = facets_of_face(mesh, face)
+    for kind, _, nodes in by_kind(facets.kind, facets.nodes):
         xi, w = kind.mass
         N, dN = kind.functions(xi)
         J = np.einsum("qad,fac->fqcd", dN, mesh.position[nodes])

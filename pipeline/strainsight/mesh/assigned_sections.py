@@ -64,7 +64,13 @@ def with_given(mesh: Mesh, cells: Sequence[CellBlock], assignments: Mapping[int,
     notes = list(mesh.notes)
     with mesh.located():
         shells = tuple(_shells(mesh, of[kind], assignments, notes) for kind in SHELL_KINDS if len(of[kind].ids))
-        _refuse_curved_rods(of[LINE3], assignments)
+        for element, region in zip(of[LINE3].ids.tolist(), of[LINE3].region.tolist(), strict=True):
+            if not _bends(assignments[region]):
+                what = f"element {element} is a line of three nodes, which requires bending stiffness, but its section has none"
+                remedy = (
+                    "Specify `second_moments` of the section in mesh.sections, or mesh rods with lines of two nodes."
+                )
+                raise element_error(element, what, remedy)
         lines = [_beams(mesh, kind, of[line], assignments) for kind, line in LINES.items() if len(of[line].ids)]
     beams = tuple(block for block in lines if len(block.ids))
     sections: dict[int, Section] = {region: assigned.section for region, assigned in assignments.items()}
@@ -108,16 +114,6 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, assignments: Mapping[int, Gi
         )
     e = len(ids)
     return BeamBlock(kind, ids, nodes, region, axes, np.zeros((e, nodes.shape[1], 3)), np.zeros((e, 2, 6), dtype=bool))
-
-
-def _refuse_curved_rods(block: CellBlock, assignments: Mapping[int, GivenSection]) -> None:
-    for element, region in zip(block.ids.tolist(), block.region.tolist(), strict=True):
-        if not _bends(assignments[region]):
-            raise element_error(
-                element,
-                f"element {element} is a line of three nodes, which requires bending stiffness, but its section has none",
-                "Specify `second_moments` of the section in mesh.sections, or mesh rods with lines of two nodes.",
-            )
 
 
 def _bends(assigned: GivenSection) -> bool:

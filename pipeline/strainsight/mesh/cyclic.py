@@ -52,7 +52,10 @@ class Copies:
             )
             for block in mesh.blocks
         )
-        node_sets = {name: self._node_set(members, ids) for name, members in mesh.node_sets.items()}
+        node_sets = {
+            name: np.unique(ids[self.at[:, np.isin(mesh.node_ids, members)]])
+            for name, members in mesh.node_sets.items()
+        }
         element_sets = {name: np.sort(self._ids_of_copies(members)) for name, members in mesh.element_sets.items()}
         named = [name for j in range(count) if (name := f"SECTOR-{j + 1}") in {*node_sets, *element_sets}]
         if named:
@@ -100,9 +103,6 @@ class Copies:
     def _ids_of_copies(self, ids: IntArray) -> IntArray:
         """Ids in all copies."""
         return np.concatenate([ids + j * self.shift for j in range(len(self.turns))])
-
-    def _node_set(self, node_ids: IntArray, ids: IntArray) -> IntArray:
-        return np.unique(ids[self.at[:, np.flatnonzero(np.isin(self.mesh.node_ids, node_ids))]])
 
     def _regions_to_rotate(self) -> list[int]:
         """Regions whose material axes differ between the copies."""

@@ -72,6 +72,14 @@ class Facets:
         return np.isin(self.element_id, concatenate(block.ids for block in blocks))
 
 
+def by_kind(code: IntArray, nodes: IntArray) -> Iterator[tuple[Kind, IntArray, IntArray]]:
+    """(kind, facets (m,), nodes (m, k) unpadded) of every facet kind that occurs; code (f,) into FACETS, nodes (f, 8)."""
+    for number in np.unique(code):
+        kind = FACETS[number]
+        which = np.flatnonzero(code == number)
+        yield kind, which, nodes[which, : len(kind.nodes)]
+
+
 def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:
     """One number for an element id and the local number of a facet, 1 to 6."""
     return element_id * 8 + facet
@@ -120,6 +128,12 @@ def all_facets(mesh: Mesh) -> Facets:
     order = np.lexsort((columns[1], columns[0]))
     facets = Facets(*(column[order] for column in columns))
     return replace(facets, corners=_coincident_corners(mesh)[facets.nodes[:, :4]]) if mesh.beams else facets
+
+
+def facets_of_face(mesh: Mesh, name: str) -> Facets:
+    """The facets of a named face (`Mesh.faces`)."""
+    facets = all_facets(mesh)
+    return facets.some(np.isin(facets.key, facet_key(*mesh.faces[name].T)))
 
 
 def _coincident_corners(mesh: Mesh) -> IntArray:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from strainsight.mesh.coincident import APART, Coincident, Joints, shortest_sides
-from strainsight.mesh.facets import CODE, Facets, exterior_facets
+from strainsight.mesh.facets import CODE, Facets, by_kind, exterior_facets
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import Values, barycentric, quadratic_simplex
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
@@ -172,10 +172,8 @@ def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
     if mesh.blocks:
         exterior = exterior_facets(mesh) if facets is None else facets
         exterior = exterior.some(exterior.of(mesh.blocks))
-        for code in np.unique(exterior.kind):
-            kind, which = FACETS[code], exterior.kind == code
-            cells = exterior.nodes[which, : len(kind.nodes)]
-            add(cells, kind.corners, exterior.element_id[which], int(code), kind.edges, True)
+        for kind, which, cells in by_kind(exterior.kind, exterior.nodes):
+            add(cells, kind.corners, exterior.element_id[which], CODE[kind.name], kind.edges, True)
     for shell in mesh.shells:
         kind = next(kind for kind in FACETS if len(kind.nodes) == shell.nodes.shape[1])
         add(shell.nodes, kind.corners, shell.ids, FACETS.index(kind), kind.edges, False)

@@ -27,12 +27,6 @@ STIFF = 1e8
 UNITS = "Check the unit: lengths of the deck are in mesh.length_unit, lengths of mesh.sections in m."
 
 
-def section_warnings(mesh: Mesh) -> list[str]:
-    """Warnings for regions of shells and beams, springs, and shells with inconsistent normals."""
-    warnings = [text for number in mesh.sections for text in _shell_warnings(mesh, number)]
-    return [*warnings, *_far_beams(mesh), *_stiff_springs(mesh), *_inconsistent_normals(mesh)]
-
-
 def _shell_warnings(mesh: Mesh, number: int) -> Iterator[str]:
     section, name = mesh.sections[number], str(mesh.regions[number])
     if isinstance(section, BeamSection):
@@ -266,7 +260,9 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     for name, E, rho, ply in constants:
         warnings += _material_warnings(name, E, rho, length_unit, mass_unit, ply)
     warnings += _stiff_cores(mesh)
-    warnings += section_warnings(mesh)
+    for number in mesh.sections:
+        warnings += _shell_warnings(mesh, number)
+    warnings += [*_far_beams(mesh), *_stiff_springs(mesh), *_inconsistent_normals(mesh)]
     extent = float(np.max(np.ptp(mesh.position, axis=0)))
     warnings += _outside("the largest dimension of the structure", extent, EXTENT, "m", "Check mesh.length_unit.")
     warnings += _far_references(mesh)

@@ -19,12 +19,10 @@ UNIT = 2**20
 @dataclass(frozen=True)
 class Refined:
     """mesh with the parts as elements, without supports, ties and sets; interpolation P, CSR (m, n): values at its nodes from
-    those at the n nodes of the coarse mesh; parent: element id → id of the coarse element; code (n,) of the coarse nodes, keys:
-    to find fine nodes."""
+    those at the n nodes of the coarse mesh; code (n,) of the coarse nodes, keys: to find fine nodes."""
 
     mesh: Mesh
     interpolation: sparse.csr_array
-    parent: np.ndarray
     code: np.ndarray
     keys: np.ndarray
 
@@ -41,7 +39,7 @@ def refined(mesh: Mesh) -> Refined:
     A straight mesh, linear or quadratic, is nested in it; curved elements keep their shape. Nodes are merged if they are the
     same mean of the same coarse nodes, so that parts which only touch stay separate."""
     code = np.random.default_rng(0).integers(0, 2**63, len(mesh.position), dtype=np.uint64)
-    raw: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]] = []
+    raw: list[tuple[str, np.ndarray, np.ndarray]] = []
     entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     halves = _Halves(mesh)
     for block in mesh.blocks:
@@ -49,16 +47,15 @@ def refined(mesh: Mesh) -> Refined:
         for name, corners in kind.split:
             N = kind.shape(with_midsides(corners, kind_of(name).edges))
             key = _keys(code, block.nodes, N)
-            raw.append((name, key, block.ids, halves.regions(block.region, corners)))
+            raw.append((name, key, halves.regions(block.region, corners)))
             entries.append((key, block.nodes, N))
-    keys = np.unique(np.concatenate([key.ravel() for _, key, _, _ in raw]))
-    blocks, parents, number = [], [], 0
+    keys = np.unique(np.concatenate([key.ravel() for _, key, _ in raw]))
+    blocks, number = [], 0
     for name in dict.fromkeys(kind_name for kind_name, *_ in raw):
         parts = [part for part in raw if part[0] == name]
-        nodes = np.concatenate([np.searchsorted(keys, key) for _, key, _, _ in parts])
+        nodes = np.concatenate([np.searchsorted(keys, key) for _, key, _ in parts])
         ids = np.arange(number + 1, number + 1 + len(nodes))
         number += len(nodes)
-        parents.append(np.concatenate([element_ids for *_, element_ids, _ in parts]))
         blocks.append(CellBlock(name, ids, nodes, np.concatenate([region for *_, region in parts])))
     P = _interpolation(keys, entries, len(mesh.position))
     properties = mesh.properties
@@ -66,7 +63,7 @@ def refined(mesh: Mesh) -> Refined:
     properties["composites"] = {**mesh.composites, **halves.composites}
     ids = np.arange(1, len(keys) + 1)
     fine = Mesh(ids, P @ mesh.position, tuple(blocks), lumped=mesh.lumped, source=mesh.source, **properties)
-    return Refined(fine, P, np.concatenate(parents), code, keys)
+    return Refined(fine, P, code, keys)
 
 
 @dataclass

@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.facets import CODE, by_kind, exterior_facets
 from strainsight.mesh.joins import Relation
-from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import FloatArray, IntArray, Mesh
 from strainsight.mesh.projection import near_pairs, nearest, normals
 
@@ -47,14 +46,13 @@ def with_surface_tie(
         )
     best = np.full(len(nodes), np.inf)
     weight, tied_to = np.zeros((len(nodes), 3, 8, 3)), np.full((len(nodes), 8), -1, dtype=np.int64)
-    for code in np.unique(facets.kind):
-        k = len(FACETS[code].nodes)
-        facet_nodes = facets.nodes[facets.kind == code, :k]
+    for kind, _, facet_nodes in by_kind(facets.kind, facets.nodes):
+        k = len(kind.nodes)
         centre = mesh.position[facet_nodes].mean(axis=1)
         reach = np.linalg.norm(mesh.position[facet_nodes] - centre[:, None], axis=2).max(axis=1) + within
         for row, which in near_pairs(mesh.position[nodes], centre, reach):
             x, point = mesh.position[facet_nodes[row]], mesh.position[nodes[which]]
-            feet = nearest(int(code), x, point)
+            feet = nearest(CODE[kind.name], x, point)
             order = np.lexsort((row, feet.distance, which))
             first = order[np.unique(which[order], return_index=True)[1]]
             first = first[feet.distance[first] < best[which[first]]]

@@ -189,15 +189,12 @@ def _faces_at_nodes(mesh: Mesh, block: ShellBlock) -> tuple[np.ndarray, np.ndarr
     """For every node of the shells (e k,): its index, the normal of the shell there (, 3), the heights of both faces."""
     k = block.nodes.shape[1]
     normal = normals_at_nodes(facet_of(block.kind), mesh.position[block.nodes])
-    half = 0.5 * np.array([_thickness(mesh, int(region)) for region in block.region])
+    thickness = {
+        number: section.thickness for number, section in mesh.sections.items() if not isinstance(section, BeamSection)
+    }
+    half = 0.5 * np.array([thickness[int(region)] for region in block.region])
     low, high = block.offset - half, block.offset + half
     return block.nodes.ravel(), normal.reshape(-1, 3), np.repeat(low, k), np.repeat(high, k)
-
-
-def _thickness(mesh: Mesh, region: int) -> float:
-    section = mesh.sections[region]
-    assert not isinstance(section, BeamSection)
-    return section.thickness
 
 
 def _smooth_groups(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from strainsight.mesh.facets import Facets
+from strainsight.mesh.facets import Facets, by_kind
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
 from strainsight.mesh.thin import BeamBlock, ShellBlock, concatenate
@@ -73,21 +73,17 @@ def unstructured_grid(
     return VtkHdf(datasets, attributes)
 
 
-def facet_cells(facets: Facets, corner: IntArray | None = None) -> tuple[IntArray, tuple[CellBlock, ...], IntArray]:
+def facet_cells(facets: Facets) -> tuple[IntArray, tuple[CellBlock, ...], IntArray]:
     """A surface as a separate grid, without the points inside the solid.
 
-    corner (f, 8): alternative point numbers of the facets, padded with −1. Returns the numbers that occur (s,), ascending, to
-    select point data; the facets as cells, kind by kind, with the ids of their elements, on points 0 … s − 1; and the order
-    (f,) of the facets, to select cell data."""
-    nodes = facets.nodes if corner is None else corner
-    used = np.unique(nodes[nodes >= 0])
+    Returns the node numbers that occur (s,), ascending, to select point data; the facets as cells, kind by kind, with the ids of
+    their elements, on points 0 … s − 1; and the order (f,) of the facets, to select cell data."""
+    used = np.unique(facets.nodes[facets.nodes >= 0])
     order = np.argsort(facets.kind, kind="stable")
     blocks = []
-    for code in np.unique(facets.kind):
-        rows = np.flatnonzero(facets.kind == code)
-        count = int(np.sum(nodes[rows[0]] >= 0))
-        local = np.searchsorted(used, nodes[rows, :count])
-        blocks.append(CellBlock(FACETS[code].name, facets.element_id[rows], local, facets.region[rows]))
+    for kind, rows, nodes in by_kind(facets.kind, facets.nodes):
+        local = np.searchsorted(used, nodes)
+        blocks.append(CellBlock(kind.name, facets.element_id[rows], local, facets.region[rows]))
     return used, tuple(blocks), order
 
 

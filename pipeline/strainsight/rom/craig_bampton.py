@@ -46,11 +46,6 @@ class CraigBampton:
     frequency: np.ndarray
     cut: float
 
-    @property
-    def size(self) -> int:
-        """n."""
-        return self.basis.shape[1]
-
 
 def craig_bampton(
     model: FiniteElementModel,

@@ -159,16 +159,14 @@ class Reduction:
     """z_free ≈ Ψ q (5.2).
 
     model (5.3); basis Ψ (n_free, r) [1/√kg]; frequency (modes,) [Hz] of the full model at the reference; samples the
-    points of the parameter box, the reference first; singular_value (s,) [-] of the part of the snapshots of the other samples
-    (each of unit energy) that the modes and static responses of the reference do not contain: those above the tolerance are
-    in Ψ; static (n_free, n_u) [m/N]: K(θ₀)⁻¹S; aside (n_free, k): static responses that are not in Ψ."""
+    points of the parameter box, the reference first; static (n_free, n_u) [m/N]: K(θ₀)⁻¹S; aside (n_free, k): static responses
+    that are not in Ψ."""
 
     model: ReducedModel
     basis: np.ndarray
     frequency: np.ndarray
     static: np.ndarray
     samples: tuple[dict[str, float], ...]
-    singular_value: np.ndarray
     aside: np.ndarray
 
 
@@ -225,7 +223,6 @@ def reduce_model(
     K = full.stiffness.at(reference)  # only now, to avoid a second copy during the factorisation
     V, _ = energy_orthonormal(K, np.hstack([first.shapes, first.static[:, :spanned]]))
     rest = [sample.vectors for sample in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes))]
-    sigma = np.zeros(0)
     if rest:
         # the SVD of R instead of a Gram matrix keeps the digits of singular values below √eps
         Q, R = energy_orthonormal(K, np.hstack(rest), against=V)
@@ -233,7 +230,7 @@ def reduce_model(
         V = np.hstack([V, Q @ U[:, sigma > tolerance]])
     model, basis = _modal_coordinates(full, V, S[:, :n_u], inputs, reference, damping)
     model = replace(model, input_slope={name: basis.T @ slope for name, slope in slopes.items()})
-    return Reduction(model, basis, first.frequency, first.static[:, :n_u], points, sigma, first.static[:, spanned:])
+    return Reduction(model, basis, first.frequency, first.static[:, :n_u], points, first.static[:, spanned:])
 
 
 def modal_model(

@@ -38,7 +38,7 @@ from strainsight.runner.artefact import (
 )
 from strainsight.runner.output import Output, content_digest, read_contents
 from strainsight.runner.slices import canonical
-from strainsight.writing import make_folder, replace_file, temporary, write_bytes
+from strainsight.writing import make_folder, replace_file, temporary
 
 ROOT = Path(strainsight.__file__).parent
 CPU = Path("/proc/cpuinfo")
@@ -143,7 +143,7 @@ def write_artefact(path: Path, output: Output, header: ArtefactHeader, records: 
         for name, content in output.files.items():
             if name in records:
                 parts += former(path.parent / name, checksums[name])
-            parts.append((temporary(path.parent / name, partial(write_bytes, content)), path.parent / name))
+            parts.append((temporary(path.parent / name, partial(Path.write_bytes, data=content)), path.parent / name))
     written.path = path
     for name, digest in obsolete.items():
         with kept_on_disk(path.parent / name):

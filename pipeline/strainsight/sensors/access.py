@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from strainsight.mesh.facets import Facets
+from strainsight.mesh.facets import Facets, by_kind
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.faces import Faces
 from strainsight.sensors.strain_operator import installation_axes
-from strainsight.sensors.surface import by_kind, facet_centres, farthest_axis, on_reference
+from strainsight.sensors.surface import facet_centres, farthest_axis, on_reference
 from strainsight.sensors.surface_paths import Located, Skin, local_at, radius_of
 
 ON = 1e-7
@@ -162,7 +162,9 @@ def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
     on_whole_face = has_node & whole[faces.of][:, None]
     fixed[facets.nodes[on_whole_face]] = True
 
-    nodes = [np.unique(each[each >= 0]) for each in _split_by_group(facets.nodes, faces.of, len(faces.area))]
+    ends_of_faces = np.cumsum(np.bincount(faces.of, minlength=len(faces.area)))[:-1]
+    by_face = np.split(facets.nodes[np.argsort(faces.of, kind="stable")], ends_of_faces)
+    nodes = [np.unique(each[each >= 0]) for each in by_face]
     bores = np.zeros(len(faces.area), dtype=int)
     sides: list[tuple[int, int]] = []
     certain = whole | (places > 0)
@@ -199,8 +201,3 @@ def _supported_nodes(mesh: Mesh) -> np.ndarray:
     for relation in mesh.relations:
         supported[relation.node[0]] |= bool(supported[relation.node[1:]].all())
     return mesh.above(supported)
-
-
-def _split_by_group(rows: np.ndarray, of: np.ndarray, count: int) -> list[np.ndarray]:
-    """Rows (f, ...) of each group."""
-    return np.split(rows[np.argsort(of, kind="stable")], np.cumsum(np.bincount(of, minlength=count))[:-1])

@@ -10,10 +10,10 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from strainsight.mesh.coincident import component_labels
-from strainsight.mesh.facets import Facets, facet_key
+from strainsight.mesh.facets import Facets, by_kind, facet_key
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.model import Mesh
-from strainsight.sensors.surface import angle_between, by_kind, facet_centres, facet_points, farthest_axis, normals
+from strainsight.sensors.surface import angle_between, facet_centres, facet_points, farthest_axis, normals
 
 SHARP = np.deg2rad(30.0)
 
@@ -232,7 +232,8 @@ def edge_dimensions(
     position (n, 3) [m] of nodes; facets: exterior ones; on (k,): key of the facet of each position, an unknown one has no edges;
     points (k, 3) [m]; directions, normals (k, 3) unit."""
     edges = edges_of(position, facets)
-    face = _smooth_faces(len(facets.kind), edges)
+    smooth = edges.start[~edges.sharp]
+    face = component_labels(len(facets.kind), edges.facet[smooth], edges.facet[smooth + 1])
     index = {int(key): i for i, key in enumerate(facets.key)}
     of = np.array([face[index[int(key)]] if int(key) in index else -1 for key in on], dtype=np.int64)
     dimensions = no_edges(len(points))
@@ -265,12 +266,6 @@ def angle_from(t: np.ndarray, d: np.ndarray, n: np.ndarray) -> float:
     angle = float(np.rad2deg(np.arctan2(np.cross(t, d) @ n, t @ d)))
     rounded = round(angle, 9)
     return angle + 180.0 * (rounded <= -90.0) - 180.0 * (rounded > 90.0)
-
-
-def _smooth_faces(count: int, edges: Edges) -> np.ndarray:
-    """Number of the face of every facet (count,)."""
-    first = edges.start[~edges.sharp]
-    return component_labels(count, edges.facet[first], edges.facet[first + 1])
 
 
 def _nearest_two(

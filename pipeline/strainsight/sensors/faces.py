@@ -10,11 +10,11 @@ import numpy as np
 from strainsight.columns import Column
 from strainsight.errors import UserError
 from strainsight.mesh.coincident import component_labels
-from strainsight.mesh.facets import Facets
+from strainsight.mesh.facets import Facets, by_kind
 from strainsight.mesh.kinds import FACETS
 from strainsight.ordering import index_of_largest, tied_order
 from strainsight.sensors.edges import edges_of
-from strainsight.sensors.surface import angle_between, by_kind, facet_centres
+from strainsight.sensors.surface import angle_between, facet_centres
 from strainsight.sensors.surface_paths import Skin, locate, skin_of
 
 LEVEL = np.deg2rad(1.0)

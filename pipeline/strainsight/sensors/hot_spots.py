@@ -13,14 +13,14 @@ from strainsight.fem.equations import translation_rows
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.nodal_forces import Tractions, spread_forces, tractions
 from strainsight.fem.patch import Incidence, Patch, forced_nodes, held_components, patch_around
-from strainsight.mesh.facets import Facets, exterior_facets
-from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.facets import Facets, by_kind, exterior_facets
+from strainsight.mesh.kinds import FACETS, facet_of
 from strainsight.mesh.kinds.kind import Kind, with_midsides
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.subdivision import Refined, refined
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.strain_operator import ChannelPoints, matrix_of, points_within, surface_of
-from strainsight.sensors.surface import by_kind, on_reference
+from strainsight.sensors.surface import on_reference
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,9 @@ def _readings(
     rows = matrix_of(patch.mesh.position, at, channels)
     readings, spread = [rows @ current.field], None
     if current.force.any():
-        spread = rows @ with_spread_forces(current, _facets_of(patch, facets)).field
+        outside = facets.some(facets.of(patch.mesh.blocks))
+        local = patch.local(outside.nodes)
+        spread = rows @ with_spread_forces(current, replace(outside, nodes=local, corners=local[:, :4])).field
     for level in range(DEPTH):
         if level:
             part = patch_around(current.mesh, Incidence.of(current.mesh), np.unique(at.nodes[at.nodes >= 0]), LAYERS)
@@ -238,20 +240,13 @@ def _root(moment: np.ndarray) -> np.ndarray:
     return np.asarray(vector[:, significant] * np.sqrt(value[significant]))
 
 
-def _facets_of(patch: Patch, facets: Facets) -> Facets:
-    """The exterior facets of the whole mesh that belong to elements of the patch, with its node numbers."""
-    ids = np.concatenate([block.ids for block in patch.mesh.blocks])
-    selected = facets.some(np.isin(facets.element_id, ids))
-    return Facets(selected.element_id, selected.facet, selected.kind, patch.local(selected.nodes), selected.region)
-
-
 def _on_parts(fine: Refined, points: ChannelPoints) -> ChannelPoints:
     """The same points on the parts of their facets; where several parts meet, in equal shares on each."""
     pieces: list[ChannelPoints] = []
     for kind, which, nodes in by_kind(points.kind, points.nodes):
         share, parts = np.zeros(len(which)), []
         for name, corners in kind.split:
-            part = next(each for each in FACETS if each.name == name)
+            part = facet_of(name)
             local = _within(part, corners, points.local[which])
             on = np.flatnonzero(on_reference(part, local, ON))
             share[on] += 1

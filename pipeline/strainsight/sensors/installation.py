@@ -69,8 +69,6 @@ COMMON = ("along", "across", "angle", "tilt_along", "tilt_across", *SECOND)
 """Errors that all channels of a gauge have in common."""
 COMMON_GAIN = "common_gain"
 """Error that all strain gauges have in common."""
-PER_CHANNEL = ("gain", "transverse", "mesh")
-"""Errors of a single channel."""
 
 
 def sensitivity_rows(

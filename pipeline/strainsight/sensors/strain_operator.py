@@ -9,11 +9,11 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import InfeasibleError
-from strainsight.mesh.facets import Facets, facet_key
+from strainsight.mesh.facets import Facets, by_kind, facet_key
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import STEEPEST, STRAIN, Candidates, tangents
-from strainsight.sensors.surface import by_kind, carried, facet_points, normals, tangent, turned
+from strainsight.sensors.surface import carried, facet_points, normals, tangent, turned
 from strainsight.sensors.surface_paths import Skin, Trail, local_at, skin_of, walk
 
 GAUSS = 0.5 + np.sqrt(1 / 12) * np.array([-1.0, 1.0])

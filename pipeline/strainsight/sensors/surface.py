@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from strainsight.errors import UserError
+from strainsight.mesh.facets import by_kind
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import Kind
 
 EQUAL_COSINES = 1e-6
 """Largest difference of equal cosines; those of a plane facet normal are rounded to 1e-15."""
-
-
-def by_kind(code: np.ndarray, nodes: np.ndarray) -> Iterator[tuple[Kind, np.ndarray, np.ndarray]]:
-    """(kind, facets (m,), nodes (m, k) unpadded) of every facet kind that occurs; code (f,) into FACETS, nodes (f, 8)."""
-    for number in np.unique(code):
-        kind = FACETS[number]
-        which = np.flatnonzero(code == number)
-        yield kind, which, nodes[which, : len(kind.nodes)]
 
 
 def facet_points(kind: Kind, corners: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

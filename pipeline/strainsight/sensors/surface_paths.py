@@ -8,10 +8,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from strainsight.errors import UserError
-from strainsight.mesh.facets import Facets, facet_key
+from strainsight.mesh.facets import Facets, by_kind, facet_key
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.sensors.edges import edges_of
-from strainsight.sensors.surface import by_kind, facet_centres, facet_frames, facet_points, on_reference
+from strainsight.sensors.surface import facet_centres, facet_frames, facet_points, on_reference
 
 TURNS = 60.0
 """Largest rotation [deg] of the surface normal along a path; it ends there as at an edge."""

@@ -13,7 +13,7 @@ from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.abaqus.ties import TOLERANCE, facet_size, following
 from strainsight.decks.text import parse_real
 from strainsight.errors import ContactError, UserError
-from strainsight.mesh.model import IntArray, Mesh
+from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import concatenate
 
 Contact = Literal["bonded", "open"]
@@ -94,7 +94,9 @@ def _pairs(surfaces: Surfaces, keywords: Sequence[Keyword]) -> Iterator[Pair]:
         adjust = keyword.parameters.get("ADJUST", "")
         tied = "TIED" in keyword.parameters or keyword.word("INTERACTION") in tying
         for row in keyword.rows():
-            yield Pair(row, *surfaces.find_pair(scope, row), parse_real(adjust) if adjust else None, tied)
+            # a line with one name is the contact of a surface with itself
+            first, second = (surfaces.find(row.text(i) or row.text(0), scope, row) for i in (0, 1))
+            yield Pair(row, first, second, parse_real(adjust) if adjust else None, tied)
 
 
 def _tying_interactions(keywords: Sequence[Keyword]) -> set[str]:
@@ -129,8 +131,12 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
             "set mesh.contact: open, and join the parts by common nodes or by mesh.ties of type rigid or averaging",
         )
     within = TOLERANCE * size if pair.adjust is None else max(pair.adjust, TOLERANCE * size)
-    free = np.setdiff1d(nodes, following_already(mesh))
-    able = np.setdiff1d(free, _followed_by(mesh, pair.second.nodes))
+    led = [tie.nodes for tie in mesh.rigid] + [np.array([tie.reference]) for tie in mesh.averaging]
+    led += [tie.node[:1] for tie in mesh.relations]
+    free = np.setdiff1d(nodes, concatenate(led))
+    # tying nodes to nodes that follow them by relations would be circular
+    ahead = [relation.node[1:] for relation in mesh.relations if np.isin(relation.node[0], pair.second.nodes)]
+    able = np.setdiff1d(free, concatenate(ahead))
     try:
         mesh, tied = (
             following(mesh, pair.row, able, pair.second.nodes, within, "*CONTACT PAIR") if len(able) else (mesh, 0)
@@ -157,16 +163,3 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
         mesh,
         f"{tied} of {count} nodes of {pair.first.name} are bonded ({how}){''.join(f'; {part}' for part in left)}{bound}",
     )
-
-
-def following_already(mesh: Mesh) -> IntArray:
-    """Nodes that follow others by ties or relations, in at least one component."""
-    led = [tie.nodes for tie in mesh.rigid] + [np.array([tie.reference]) for tie in mesh.averaging]
-    led += [tie.node[:1] for tie in mesh.relations]
-    return np.unique(concatenate(led))
-
-
-def _followed_by(mesh: Mesh, nodes: IntArray) -> IntArray:
-    """Nodes that lead some of `nodes` (m,) by relations; tying them to these would be circular."""
-    ahead = [relation.node[1:] for relation in mesh.relations if np.isin(relation.node[0], nodes)]
-    return np.unique(concatenate(ahead))

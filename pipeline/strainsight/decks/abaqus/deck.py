@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.abaqus.contact import Contact, with_contact
-from strainsight.decks.abaqus.history import LARGE, STRESSED, find_initial_stress, preloads, state_of
+from strainsight.decks.abaqus.history import LARGE, STRESSED, preloads, state_of
 from strainsight.decks.abaqus.loads import LoadReader
 from strainsight.decks.abaqus.materials import by_temperature
 from strainsight.decks.abaqus.parts import SOLIDS, THIN, USUAL
@@ -239,9 +239,10 @@ def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> No
 def _count_ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
     """Count keywords, and elements by type, that change the structure and are not supported."""
     counted = Counter(k.title for k in keywords if not IMPORTED.fullmatch(k.name) and not HARMLESS.fullmatch(k.name))
-    if stress_keywords := find_initial_stress(keywords):
-        counted[STRESSED] = len(stress_keywords)
-        counted -= Counter(keyword.title for keyword in stress_keywords)
+    stress = [k.title for k in keywords if k.name == "INITIALCONDITIONS" and k.word("TYPE") == "STRESS"]
+    if stress:
+        counted[STRESSED] = len(stress)
+        counted -= Counter(stress)
     for type_, count in Counter(assembly.type).items():
         if type_ not in SOLIDS and type_ not in THIN and type_ not in ("", "MASS", "ROTARYI", *SPRINGS):
             counted[f"{ELEMENT}{type_}"] += count

@@ -49,11 +49,6 @@ def preloads(steps: Sequence[Step]) -> dict[str, list[Keyword]]:
     return preload_steps | ({LARGE: bent} if bent else {})
 
 
-def find_initial_stress(keywords: Sequence[Keyword]) -> list[Keyword]:
-    """*INITIAL CONDITIONS of TYPE=STRESS."""
-    return [keyword for keyword in keywords if keyword.name == "INITIALCONDITIONS" and keyword.word("TYPE") == "STRESS"]
-
-
 TYPES = {
     "ENCASTRE": (0, 1, 2, 3, 4, 5),
     "PINNED": (0, 1, 2),
@@ -144,7 +139,8 @@ def state_of(assembly: Assembly, ignored: Counter[str], chosen: int | None = Non
     running = general = model
     for step in assembly.steps[: max(requested)]:
         running, local = reader.after(step, running), reader.after(step, general)
-        general = general if _is_perturbation(step) else local
+        ends = "PERTURBATION" in step.keyword.parameters or bool(_names(step) & {*MODAL, "BUCKLE"})
+        general = general if ends else local
         states[step.number] = running
         if step.number in requested and not running.same(local):
             raise DeckError(
@@ -178,10 +174,6 @@ def _check_choice(steps: Sequence[Step], states: dict[int, State], requested: Se
 
 def _names(step: Step) -> set[str]:
     return {keyword.name for keyword in step.keywords}
-
-
-def _is_perturbation(step: Step) -> bool:
-    return "PERTURBATION" in step.keyword.parameters or bool(_names(step) & {*MODAL, "BUCKLE"})
 
 
 @dataclass

@@ -138,7 +138,7 @@ class Assembly:
 
     node_ids (n,), position (n, 3); element_ids (m,), kind (m,) index into ELEMENTS or −1, type of each element,
     empty if it is left out; nodes (c,) rows of nodes, −1 if missing, first (m + 1,) start of the nodes of each
-    element; file and line of each; model: keywords outside of steps and parts; notes: messages on ids and sets."""
+    element; file and line of each; notes: messages on ids and sets."""
 
     scopes: dict[str, Scope]
     node_ids: IntArray
@@ -150,7 +150,6 @@ class Assembly:
     nodes: IntArray
     first: IntArray
     element_where: list[tuple[str, int]]
-    model: tuple[Keyword, ...]
     steps: tuple[Step, ...]
     notes: list[str] = field(default_factory=list)
     _known: dict[tuple[str, str, str], IntArray] = field(default_factory=dict)
@@ -206,12 +205,6 @@ class Assembly:
                     yield scope, keyword
         for step in self.steps if of_steps else ():
             yield from ((self.scopes[""], keyword) for keyword in step.keywords if keyword.name == name)
-
-    def scope_of(self, name: str, row: Keyword | Row) -> Scope:
-        """Instance of this name; DeckError if it does not exist."""
-        if name.upper() not in self.scopes or not name:
-            raise row.error(f"instance {name!r} is not in the deck", "correct the instance name")
-        return self.scopes[name.upper()]
 
     def split_name(self, name: str, scope: Scope) -> tuple[Scope, str]:
         """WHEEL-1.RIM seen from the assembly → (scope of WHEEL-1, "RIM")."""
@@ -309,7 +302,10 @@ class Assembly:
         """Members that an *NSET or *ELSET lists."""
         parameters = keyword.parameters
         if "INSTANCE" in parameters:
-            scope = self.scope_of(parameters["INSTANCE"], keyword)
+            name = parameters["INSTANCE"]
+            if name.upper() not in self.scopes or not name:
+                raise keyword.error(f"instance {name!r} is not in the deck", "correct the instance name")
+            scope = self.scopes[name.upper()]
         if kind == "NODE" and "ELSET" in parameters:
             return self.element_nodes(self.element_set(parameters["ELSET"], scope, keyword))
         if "GENERATE" in parameters:
@@ -390,10 +386,10 @@ def assemble(keywords: list[Keyword]) -> Assembly:
     for name, part, turn, shift in placed:
         scopes[name.upper()] = Scope(name, part, turn, shift, node, element)
         node, element = node + len(part.nodes.ids), element + len(part.elements.ids)
-    return _join_scopes(scopes, model, tuple(steps))
+    return _join_scopes(scopes, tuple(steps))
 
 
-def _join_scopes(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[Step, ...]) -> Assembly:
+def _join_scopes(scopes: dict[str, Scope], steps: tuple[Step, ...]) -> Assembly:
     """Merge nodes and elements of all scopes into one table."""
     every = list(scopes.values())
     cells = [(scope, block) for scope in every for block in scope.part.cells]
@@ -424,7 +420,6 @@ def _join_scopes(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tu
         nodes=concatenate(np.where(block.nodes < 0, -1, block.nodes + scope.first_node) for scope, block in cells),
         first=np.cumsum(concatenate([np.zeros(1, dtype=np.int64), *(np.diff(block.first) for _, block in cells)])),
         element_where=[at for scope in every for at in scope.part.element_where],
-        model=model,
         steps=steps,
         notes=notes,
     )

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.text import parse_integer
-from strainsight.mesh.facets import OUTWARD, Facets, exterior_facets
+from strainsight.mesh.facets import OUTWARD, Facets, by_kind, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
@@ -58,11 +58,6 @@ class Surfaces:
             )
         return surface
 
-    def find_pair(self, scope: Scope, row: Row) -> tuple[Surface, Surface]:
-        """The two surfaces of a line, twice the same if it names only one; DeckError if one is missing."""
-        first = self.find(row.text(0), scope, row)
-        return first, self.find(row.text(1), scope, row) if row.text(1) else first
-
 
 def cell_blocks(assembly: Assembly, region: IntArray) -> tuple[CellBlock, ...]:
     """Solids by kind: their ids, nodes (rows) and region."""
@@ -108,7 +103,8 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
             elif solids.size:
                 with mesh.located():
                     outside = exterior_facets(mesh) if outside is None else outside
-                pairs = _by_kind(outside.some(np.isin(outside.element_id, assembly.element_ids[solids])))
+                facets = outside.some(np.isin(outside.element_id, assembly.element_ids[solids]))
+                pairs = [(kind_of_facet, nodes) for kind_of_facet, _, nodes in by_kind(facets.kind, facets.nodes)]
             else:
                 pairs = []
             sides, lines = _of_shells(assembly, row, rows[family[rows] == "shell"])
@@ -185,15 +181,6 @@ def facets_of(
         kind, local = facets[number - 1]
         facets_by_kind.append((kind, assembly.connectivity(rows[assembly.kind[rows] == i], local)))
     return facets_by_kind
-
-
-def _by_kind(facets: Facets) -> list[tuple[Kind, IntArray]]:
-    """Kind and nodes (f, k) of facets."""
-    return [
-        (kind, facets.nodes[facets.kind == i][:, : len(kind.nodes)])
-        for i, kind in enumerate(FACETS)
-        if (facets.kind == i).any()
-    ]
 
 
 def _shares(assembly: Assembly, kind: Kind, nodes: IntArray) -> tuple[IntArray, FloatArray]:

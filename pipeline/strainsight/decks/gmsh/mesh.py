@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, entity_error, plural
 from strainsight.decks.gmsh.records import KINDS, TYPES, Chunk, NodeRows, remedy
-from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
+from strainsight.decks.gmsh.sections import GmshFile, read_file
 from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.assigned_sections import (
@@ -87,11 +87,6 @@ def block_of(file: GmshFile, chunk: Chunk, kind: str, order: Order, region: int)
     return CellBlock(kind, chunk.ids, in_order(rows, order), np.full(len(chunk.ids), region))
 
 
-def remaining_ids(ids: IntArray, doubled: Doubled) -> IntArray:
-    rows, absent = IdTable(doubled.dropped).rows(ids)
-    return np.where(absent, ids, doubled.remaining[rows]) if len(doubled.dropped) else ids
-
-
 THIN_KINDS = {3: "quad4", 2: "tri3", 16: "quad8", 9: "tri6", 1: LINE, 8: LINE3}
 """Element types that may have a section."""
 NINE = 10
@@ -134,7 +129,8 @@ def thin_cells(
         groups = tuple(sorted(tag for tag in section_tags if tag is not None))
         chunks.append(replace(chunk, groups=groups))
     left, doubled = merge_doubled(chunks, file.version)
-    several = [*_in_several(left), *_written_twice(chunks, doubled)]
+    several = [(int(chunk.ids[0]), chunk.kind.dimension, chunk.groups) for chunk in left if len(chunk.groups) > 1]
+    several += _written_twice(chunks, doubled)
     for element, dimension, tags in several:
         (first, section), *others = (chosen[dimension, tag] for tag in tags)
         if other := next((region for region, another in others if another is not section), None):
@@ -172,22 +168,12 @@ def _groups(file: GmshFile) -> dict[int, dict[int | None, str]]:
     return groups
 
 
-def _in_several(chunks: list[Chunk]) -> Iterator[tuple[int, int, tuple[int, ...]]]:
-    """First element in several groups, its dimension and the tags."""
-    for chunk in chunks:
-        if len(chunk.groups) > 1:
-            yield int(chunk.ids[0]), chunk.kind.dimension, chunk.groups
-
-
 def _written_twice(chunks: list[Chunk], doubled: Doubled) -> Iterator[tuple[int, int, tuple[int, ...]]]:
-    """The same for elements that format 2 writes once for each group."""
+    """Elements that format 2 writes once for each group, their dimension and the tags."""
     wanted = {*doubled.dropped.tolist(), *doubled.remaining.tolist()}
     of = {i: chunk for chunk in chunks for i in chunk.ids.tolist() if i in wanted}
     for dropped, remaining in zip(doubled.dropped.tolist(), doubled.remaining.tolist(), strict=True):
         yield remaining, of[remaining].kind.dimension, (of[remaining].groups[0], of[dropped].groups[0])
-
-
-__all__ = ["is_gmsh", "read_gmsh"]
 
 
 def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, GivenSection] | None = None) -> Mesh:
@@ -300,7 +286,10 @@ def _sets(file: GmshFile, thin: Thin, doubled: Doubled) -> tuple[dict[str, IntAr
         node_sets[name] = np.union1d(node_sets.get(name, numbers), numbers)
         if dimension == 3 or (dimension, tag) in thin.chosen:
             twice = doubled if dimension == 3 else thin.doubled
-            ids = remaining_ids(np.concatenate([chunk.ids for chunk in chunks]), twice)
+            ids = np.concatenate([chunk.ids for chunk in chunks])
+            if len(twice.dropped):
+                rows, absent = IdTable(twice.dropped).rows(ids)
+                ids = np.where(absent, ids, twice.remaining[rows])
             element_sets[name] = np.union1d(element_sets.get(name, ids), ids)
     empty = [name for key, name in file.names.items() if key not in members]
     notes += [f"physical group {name!r} has no elements" for name in empty]

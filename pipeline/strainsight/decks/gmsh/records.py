@@ -104,20 +104,20 @@ class Text:
         values = self.values[self.start : self.at]
         if kind == "double":
             return values
-        whole = (values == np.floor(values)) & (np.abs(values) < LARGEST_NUMBER)
-        if not whole.all():
-            self.start += int(np.argmin(whole))
-            raise self.error(f"{self.values[self.start]:g} is not an integer")
-        return values.astype(np.int64)
+        return self._integers(values, 1, "an integer")
 
     def rows(self, count: int, reals: int) -> tuple[IntArray, FloatArray]:
         """The next rows of one integer and `reals` other numbers: (count,) and (count, reals)."""
         table = self.take("double", count * (1 + reals)).reshape(count, 1 + reals)
-        whole = (table[:, 0] == np.floor(table[:, 0])) & (np.abs(table[:, 0]) < LARGEST_NUMBER)
+        return self._integers(table[:, 0], 1 + reals, "a node number"), table[:, 1:]
+
+    def _integers(self, values: FloatArray, width: int, what: str) -> IntArray:
+        """Values taken last, each the first of a row of `width` numbers, as integers."""
+        whole = (values == np.floor(values)) & (np.abs(values) < LARGEST_NUMBER)
         if not whole.all():
-            self.start += int(np.argmin(whole)) * (1 + reals)
-            raise self.error(f"{self.values[self.start]:g} is not a node number")
-        return table[:, 0].astype(np.int64), table[:, 1:]
+            self.start += int(np.argmin(whole)) * width
+            raise self.error(f"{self.values[self.start]:g} is not {what}")
+        return values.astype(np.int64)
 
     def lines(self, count: int, width: int) -> IntArray | None:
         """Line of each of the last `count` rows of `width` numbers."""
