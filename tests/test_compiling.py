@@ -39,7 +39,7 @@ from strainsight.multibody.forces import Gravity, RelativeElement
 from strainsight.multibody.bodies import Frame
 from strainsight.multibody.initial import state
 from strainsight.multibody.relations import bearing_displacements
-from strainsight.multibody.step import sensitivities
+from strainsight.multibody.step import _joined, slopes
 from strainsight.multibody.accelerations import balance
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
@@ -51,7 +51,7 @@ root = Frame("root", "arm", displacement=np.zeros((3, 1)), rotation=np.zeros((3,
 ring = bearing_displacements(Frame("wall"), root)
 system = assemble([arm], [], [RelativeElement("ring", ring, BearingLaw(bearing)), Gravity()])
 q, v = state(system, {})
-sensitivities(system, step(system, q, v, np.zeros(0), 1e-5, np.zeros(0)))
+slopes(system, _joined([step(system, q, v, np.zeros(0), 1e-5, np.zeros(0))]))
 balance(system, q, v, np.zeros(0), np.zeros(0))
 functions = {
     function

@@ -17,7 +17,7 @@ from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import coincidence, revolute
 from strainsight.multibody.laws import LAWS, LinearLaw
 from strainsight.multibody.relations import bearing_displacements
-from strainsight.multibody.step import sensitivities, step
+from strainsight.multibody.step import _joined, slopes, step
 from strainsight.multibody.system import assemble
 
 from .mechanisms import turned
@@ -37,7 +37,7 @@ def test_the_step_is_that_of_natural_coordinates_to_rounding(everything, h):
     joints = slice(e.system.rigid, None)
     np.testing.assert_allclose(new.mu[joints], mu[joints], rtol=0, atol=1e-9 * np.abs(mu).max())
     np.testing.assert_allclose(new.lam[joints], lam[joints], rtol=0, atol=1e-10 * np.abs(lam).max())
-    found, (A, B_w) = sensitivities(e.system, new), natural_slopes(e.system, e.q, e.v, e.u, h, e.theta, w)
+    found, (A, B_w) = slopes(e.system, _joined([new])), natural_slopes(e.system, e.q, e.v, e.u, h, e.theta, w)
     n = e.system.size
     for exact, own in ((A, found.A), (B_w, found.B_w)):
         for half in (slice(0, n), slice(n, None)):
@@ -112,7 +112,7 @@ def test_a_compiled_law_steps_as_one_that_is_called_back(kind):
         )
         new = step(system, q, v, np.zeros(0), 1e-4, theta)
         again = step(system, new.q, new.v, np.zeros(0), 1e-4, theta, guess=new)
-        s = sensitivities(system, again)
+        s = slopes(system, _joined([again]))
         found.append((again.q, again.v, s.A, s.B_theta))
     for fast, plain in zip(*found, strict=True):
         np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-9 * max(np.abs(plain).max(initial=0.0), 1e-300))

@@ -183,7 +183,7 @@ def found_by_all(scenario, rows, prior) -> dict[str, tuple[int, ...]]:
         "exchange": swapped.gauges,
         "swaps": np.ravel(swapped.swaps),
         "fill": fill(pools, result.selected, as_limits(pool, KEEP + 3)),
-        "robust": robust_set(pools, KEEP).gauges,
+        "robust": robust_set(pools, KEEP),
         "proof": proof.gauges,
         "d_optimal": d_optimal(rows, np.ones(pool), prior, KEEP),
     }

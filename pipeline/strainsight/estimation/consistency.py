@@ -140,10 +140,9 @@ DIFFERENCE = 0.02
 
 @dataclass(frozen=True)
 class Tuning:
-    """factors by part; gained: increase of the log-likelihood; undecided: parts whose factor reached its limit."""
+    """factors by part; undecided: parts whose factor reached its limit."""
 
     factors: Mapping[str, float]
-    gained: float
     undecided: tuple[str, ...]
 
 
@@ -209,9 +208,7 @@ def tune(
     best = minimize(negative, start, jac=True, method="L-BFGS-B", bounds=[(-bound, bound)] * count)
     logarithms = {str(part): float(value) for part, value in zip(parts, best.x, strict=True)}
     at_limit = tuple(part for part, value in logarithms.items() if abs(value) > bound - 1e-6)
-    return Tuning(
-        {part: float(np.exp(value)) for part, value in logarithms.items()}, float(-best.fun - first), at_limit
-    )
+    return Tuning({part: float(np.exp(value)) for part, value in logarithms.items()}, at_limit)
 
 
 def _lost(value: np.ndarray, count: int) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -77,11 +77,6 @@ def field_factor(rows: Sequence[LeftOut]) -> float:
         return 1.0
     ratio = float(np.sqrt(np.mean([claim.ratio**2 for claim in claims])))
     return ratio if check_ratio(ratio, sum(claim.draws for claim in claims)).overconfident else 1.0
-
-
-def with_field_factor(hold_out: HoldOut, labels: Sequence[str], measured: np.ndarray) -> HoldOut:
-    """The hold-out test of a record with its `field_factor`; measured (T, m)."""
-    return replace(hold_out, field_factor=field_factor(left_out(hold_out, labels, measured)))
 
 
 def applied_factor(hold_outs: Iterable[HoldOut | None]) -> float:

@@ -382,7 +382,15 @@ def slopes(system: System, at: Advance, forced: bool = True) -> AdvanceSlopes:
     """By the chain rule through the stages, each exact: with c = (1 − γ)/γ and those of the stages Aᵢ, Bᵢ; B_w if `forced`,
 
     A = A₂ ((1 − c) 1 + c A₁),     ∂/∂p = B₂ + c A₂ B₁   of θ and w,     u(γh) = W₀ u(0) + W₁ u(h)  (`between`)
-    """
+
+    A stage solves r(z; x_k, u, θ, w) = 0, z = (q, v, μ, λ)_{k+1}:  ∂z/∂p = −(∂r/∂z)⁻¹ ∂r/∂p.
+
+        ∂r₁/∂q_k = −D²/h,   ∂r₂/∂v_k = −M/h,   ∂r₂/∂u = ∂f/∂u,   ∂r₂/∂θ = ∂f/∂θ,   ∂r₂/∂w = −1
+        driven:  ∂r₁/∂p = B_pᵀμ,   ∂r₂/∂p = −B_pᵀλ,   ∂r₃/∂p = B_p v + ∂φ_t/∂p,   ∂r₃/∂ṗ = ∂r₄/∂p = φ_p
+
+    Exact at the new state, where the matrix is factorised once more: the one of Newton's last iteration belongs to the
+    state before its last correction. Valid off the constraints too: x_k may be any state, x_{k+1} is on them.
+    Raises NumericalError where the matrix is singular."""
     arrays, result = compile_system(system), at.result
     point = arrays.at(system, at.theta)._replace(q=at.q, v=at.v, h=at.h, u=at.u[-1], w=at.w)
     elastic = np.zeros((len(at.u), system.size, 0))
@@ -401,27 +409,3 @@ def slopes(system: System, at: Advance, forced: bool = True) -> AdvanceSlopes:
         W = between(system.drives, at.h / GAMMA, GAMMA)
         return AdvanceSlopes(A, inside @ W[0], end + inside @ W[1], B_theta, B_w)
     return AdvanceSlopes(A, (1 - GAMMA) * inside, end + GAMMA * inside, B_theta, B_w)
-
-
-@dataclass(frozen=True)
-class Sensitivities:
-    """∂(q, v)_{k+1} with respect to (q, v)_k: A (2n, 2n); u, with p and ṗ: B_u (2n, width); θ: B_theta (2n, nθ);
-    w: B_w (2n, n)."""
-
-    A: np.ndarray
-    B_u: np.ndarray
-    B_theta: np.ndarray
-    B_w: np.ndarray
-
-
-def sensitivities(system: System, at: EulerStep) -> Sensitivities:
-    """Of the step r(z; x_k, u, θ, w) = 0, z = (q, v, μ, λ)_{k+1}:  ∂z/∂p = −(∂r/∂z)⁻¹ ∂r/∂p.
-
-        ∂r₁/∂q_k = −D²/h,   ∂r₂/∂v_k = −M/h,   ∂r₂/∂u = ∂f/∂u,   ∂r₂/∂θ = ∂f/∂θ,   ∂r₂/∂w = −1
-        driven:  ∂r₁/∂p = B_pᵀμ,   ∂r₂/∂p = −B_pᵀλ,   ∂r₃/∂p = B_p v + ∂φ_t/∂p,   ∂r₃/∂ṗ = ∂r₄/∂p = φ_p
-
-    Exact at the new state, where the matrix is factorised once more: the one of Newton's last iteration belongs to the
-    state before its last correction. Valid off the constraints too: x_k may be any state, x_{k+1} is on them.
-    Raises NumericalError where the matrix is singular."""
-    s = slopes(system, _joined([at]))
-    return Sensitivities(s.A, s.B_end, s.B_theta, s.B_w)

@@ -48,10 +48,8 @@ class Node:
 class Search:
     """The incumbent, and the expansion of a node."""
 
-    def __init__(self, pools: Sequence[Pool], limits: Limits, aggregate: Aggregate, gap: float):
+    def __init__(self, pools: Sequence[Pool], limits: Limits, aggregate: Aggregate):
         self.pools, self.limits, self.aggregate = pools, limits, aggregate
-        # a set that is better by no more than a tie is not taken, so that nothing closer can be claimed
-        self.gap = max(gap, TIE)
         # gauges that the limits distinguish cannot stand for each other
         self.twins = np.unique(_twins(pools) * len(limits.size) + limits.labels, return_inverse=True)[1]
         self.tried: set[tuple[int, ...]] = set()
@@ -61,8 +59,9 @@ class Search:
 
     @property
     def target(self) -> float:
-        """Cost from which a set is no improvement."""
-        return self.cost * (1 - self.gap)
+        """Cost from which a set is no improvement: a set that is better by no more than a tie is not taken, so that nothing
+        closer can be claimed."""
+        return self.cost * (1 - TIE)
 
     def offer(self, gauges: np.ndarray, bound: float = np.inf) -> None:
         """Accept a set and its improving swaps as incumbent if it costs less. If its covariance cannot be solved accurately,
@@ -214,15 +213,14 @@ def _near(points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BranchAndBound:
-    """gauges (keep,) ascending and their cost; lower_bound of all sets; proven: cost ≤ lower_bound/(1 − gap), the search ended
-    in time; nodes solved; seconds. Without any set in time, gauges is empty and cost inf."""
+    """gauges (keep,) ascending and their cost; lower_bound of all sets; proven: cost ≤ lower_bound/(1 − TIE), the search ended
+    in time; nodes solved. Without any set in time, gauges is empty and cost inf."""
 
     gauges: np.ndarray
     cost: float
     lower_bound: float
     proven: bool
     nodes: int
-    seconds: float
 
 
 def branch_and_bound(
@@ -232,7 +230,6 @@ def branch_and_bound(
     *,
     start: Sequence[int] | np.ndarray | None = None,
     time_limit: float = 60.0,
-    gap: float = TIE,
 ) -> BranchAndBound:
     """The set of `keep` gauges, or the layout within `Limits`, of the least aggregate of the metric, or the best one and the
     best bound that `time_limit` [s] allows.
@@ -241,16 +238,16 @@ def branch_and_bound(
         min agg(t_s) over cuts, 0 ≤ v ≤ 1, Σ v = keep and the limits, v = 1 on gauges taken, v = 0 on gauges left out
 
     The bound of a node is that of its LP multipliers, evaluated exactly; they also take or leave every gauge whose
-    reduced cost alone reaches the incumbent. Best bound first; the most fractional gauge is branched on, twins together.
-    A node ends where its bound reaches incumbent·(1 − gap), where a gap below `TIE` counts as that: a set has to be better
-    by so much to be taken. Sets that lose an unknown cost infinity.
+    reduced cost alone reaches the incumbent. Best bound first; the most fractional gauge is branched on, twins
+    together. A node ends where its bound reaches incumbent·(1 − TIE): a set has to be better by so much to be taken.
+    Sets that lose an unknown cost infinity.
     start: a first set, swapped until no swap helps; without it the elimination's. The clock is
     looked at between nodes, after the first; what ends before its time does not depend on it.
     Raises ConfigError for an impossible `keep`, InfeasibleError where no such layout detects every unknown.
     Source: Quesada and Grossmann, Comput. Chem. Eng. 16 (1992)."""
     began = monotonic()
     limits = as_limits(len(pools[0].rows), keep)
-    search = Search(pools, limits, aggregate, gap)
+    search = Search(pools, limits, aggregate)
     first = _first_set(pools, limits, aggregate, start)
     if first is not None:
         search.offer(first)
@@ -276,9 +273,7 @@ def branch_and_bound(
     gauges = np.zeros(0, dtype=int) if search.best is None else search.best
     open_bound = min(search.unsolved, heap[0][0] if heap else np.inf)
     proven = open_bound >= search.target
-    return BranchAndBound(
-        gauges, search.cost, float(min(open_bound, search.target)), proven, nodes, monotonic() - began
-    )
+    return BranchAndBound(gauges, search.cost, float(min(open_bound, search.target)), proven, nodes)
 
 
 def _first_set(

@@ -51,9 +51,9 @@ def costs_of(pools: Sequence[Pool], loops: Sequence[Loop]) -> np.ndarray:
     return np.array([p.metric.value(l.P) for p, l in zip(pools, loops, strict=True)])
 
 
-def gradients_of(pools: Sequence[Pool], loops: Sequence[Loop], at: np.ndarray | slice = slice(None)) -> np.ndarray:
-    """φ of each scenario and gauge `at`: largest worth of an absent gauge, least worth of a present one."""
-    return gauge_gradients(loops, [p.rows[at] for p in pools], gradients_at(pools, loops))
+def gradients_of(pools: Sequence[Pool], loops: Sequence[Loop]) -> np.ndarray:
+    """φ of each scenario and gauge: largest worth of an absent gauge, least worth of a present one."""
+    return gauge_gradients(loops, [p.rows for p in pools], gradients_at(pools, loops))
 
 
 def gradients_at(pools: Sequence[Pool], loops: Sequence[Loop]) -> list[np.ndarray]:

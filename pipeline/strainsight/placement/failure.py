@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from strainsight.placement.exchange import costs_of, exchange, fill, gradients_o
 from strainsight.placement.limits import BUDGET, Limits, Swaps, as_limits
 from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, fewest_gauges, loops_of
 from strainsight.placement.score import score
+
+SOLVES = 20_000
+"""Exact Riccati solves after which the search for a robust layout ends."""
 
 
 class LossSearch:
@@ -40,17 +43,15 @@ class LossSearch:
             chosen = rest
         return chosen
 
-    def swapped(self, chosen: list[int]) -> tuple[list[int], dict[int, float], tuple[tuple[int, int], ...]]:
-        """The set after all improving swaps, its losses, and the swaps (out, in)."""
-        swaps: list[tuple[int, int]] = []
+    def swapped(self, chosen: list[int]) -> tuple[list[int], dict[int, float]]:
+        """The set after all improving swaps, and its losses."""
         loss = self.losses(chosen, (len(chosen), np.inf))
         swap = self.first_gain(chosen, loss)
         while swap is not None:
             out, into, loss = swap
             chosen = sorted({*chosen, into} - {out})
-            swaps.append((out, into))
             swap = self.first_gain(chosen, loss)
-        return chosen, loss, tuple(swaps)
+        return chosen, loss
 
     def losses(
         self,
@@ -140,23 +141,6 @@ def measure(loss: dict[int, float]) -> tuple[int, float]:
     return len(loss) - len(finite), max(finite, default=0.0)
 
 
-@dataclass(frozen=True)
-class RobustSet:
-    """gauges (keep,) ascending; loss (keep,): cost when each one fails; worst: the largest of them, NaN where one is not
-    solved; cost: while all work; fatal: gauges whose failure loses an unknown, worst is then inf; swaps (out, in) that led
-    from the start to this set; solves: exact Riccati solves of sets after a failure; complete: `limit` was enough to know
-    that no swap helps."""
-
-    gauges: np.ndarray
-    loss: np.ndarray
-    worst: float
-    cost: float
-    fatal: tuple[int, ...]
-    swaps: tuple[tuple[int, int], ...]
-    solves: int
-    complete: bool
-
-
 def loss_if_one_fails(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregate = "mean") -> np.ndarray:
     """Aggregate of the metric of the set when each one of its gauges, in the order given, fails. inf where an unknown is
     lost, NaN where the covariance is not solved to accuracy. gauges (k,): different pool rows. Returns (k,)."""
@@ -164,27 +148,20 @@ def loss_if_one_fails(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregat
     return np.array([_without(pools, chosen, g, aggregate) for g in chosen])
 
 
-def robust_set(
-    pools: Sequence[Pool],
-    keep: int | Limits,
-    aggregate: Aggregate = "mean",
-    *,
-    start: Sequence[int] | np.ndarray | None = None,
-    limit: int = 20_000,
-) -> RobustSet:
-    """The set of `keep` gauges, or the layout within `Limits`, whose cost after its worst single failure no swap lowers.
+def robust_set(pools: Sequence[Pool], keep: int | Limits, aggregate: Aggregate = "mean") -> np.ndarray:
+    """The set of `keep` gauges, or the layout within `Limits`, whose cost after its worst single failure no swap lowers;
+    ascending.
 
         L(S) = max over g in S of f(S − g),     f = agg_s c(P_s)
         i out, j in:   L ≥ f(S − i),   L ≥ agg_s(f_s(S − g) + φᵍ_i − φᵍ_j) for every other g,   φᵍ_a = tr(h_a P X P h_aᵀ)
 
     with P and X of the set S − g: the first because j may fail, the second because f is convex in the gauge weights.
-    Starts from `start` after the usual exchange; without it from two sets, the better end of which counts: what the
-    elimination and the exchange keep, and twice as many gauges from which those that L misses least are removed. Swaps
-    are tried in the order of that bound, the first that helps is made, and the failures of a tried set are solved, the
-    likely worst first, until one costs too much. Where a failure loses an unknown, fewer such gauges come first, the
-    largest loss of the others second; so does one after which the covariance cannot be solved to accuracy. A bonded
-    gauge stays but fails like any other, a pool row of several channels or gauges as a whole. Where the limits
-    leave room, a gauge that lowers L is added.
+    Starts from two sets, the better end of which counts: what the elimination and the exchange keep, and twice as
+    many gauges from which those that L misses least are removed. Swaps are tried in the order of that bound, the
+    first that helps is made, and the failures of a tried set are solved, the likely worst first, until one costs too
+    much. Where a failure loses an unknown, fewer such gauges come first, the largest loss of the others second; so
+    does one after which the covariance cannot be solved to accuracy. A bonded gauge stays but fails like any other, a
+    pool row of several channels or gauges as a whole. Where the limits leave room, a gauge that lowers L is added.
     Raises InfeasibleError where so few gauges are kept that each is needed to detect the unknowns; as `eliminate`."""
     unknowns, least = fewest_gauges(pools)
     limits = as_limits(len(pools[0].rows), keep)
@@ -193,30 +170,16 @@ def robust_set(
             f"a layout of {limits.keep} gauges for {unknowns} unknowns: if any gauge fails, an unknown becomes unobservable",
             remedy=f"keep at least {least + 1} gauges (place.keep), or estimate fewer unknowns",
         )
-    search = LossSearch(pools, aggregate, limits, limit)
-    starts = []
-    if start is None:
-        start = fill(pools, eliminate_from(pools, limits, aggregate).selected, limits, aggregate)
-        more = eliminate_from(pools, _twice(limits), aggregate).selected
-        starts.append(search.reduced(more.tolist()))
-    starts.append(exchange(pools, start, aggregate, limits=limits, limit=limit).gauges.tolist())
-    chosen, loss, swaps = search.swapped(starts[0])
-    for other in starts[1:]:
-        fatal, largest = measure(loss)
-        swap = search.swapped(other)
-        if measure(swap[1]) < (fatal, largest * (1 - TIE)):
-            chosen, loss, swaps = swap
-    values = np.array([loss[g] for g in chosen])
-    return RobustSet(
-        gauges=np.array(chosen),
-        loss=values,
-        worst=float(values.max()),
-        cost=score(pools, chosen, aggregate),
-        fatal=tuple(g for g in chosen if loss[g] == np.inf),
-        swaps=swaps,
-        solves=search.solves,
-        complete=search.solves < limit,
-    )
+    search = LossSearch(pools, aggregate, limits, SOLVES)
+    start = fill(pools, eliminate_from(pools, limits, aggregate).selected, limits, aggregate)
+    more = eliminate_from(pools, _twice(limits), aggregate).selected
+    chosen, loss = search.swapped(search.reduced(more.tolist()))
+    fatal, largest = measure(loss)
+    exchanged = exchange(pools, start, aggregate, limits=limits).gauges
+    other, other_loss = search.swapped(exchanged.tolist())
+    if measure(other_loss) < (fatal, largest * (1 - TIE)):
+        return np.array(other)
+    return np.array(chosen)
 
 
 def _without(pools: Sequence[Pool], chosen: Sequence[int], failing: int, aggregate: Aggregate) -> float:

@@ -54,7 +54,7 @@ def layout_of(
     greedy = fill(pools, greedy, limits, aggregate)
     swapped = None
     if settings.optimise == "worst_failure":
-        gauges = robust_set(pools, limits, aggregate).gauges
+        gauges = robust_set(pools, limits, aggregate)
     else:
         swapped = exchange(pools, greedy, aggregate, limits=limits) if settings.exchange else None
         gauges = swapped.gauges if swapped else greedy

@@ -16,7 +16,7 @@ from strainsight.estimation.decision import Decision
 from strainsight.estimation.fault_evidence import ShiftedMode, shifted_mode
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import WantedCovariances
-from strainsight.experiment.hold_out import applied_factor, held_out, with_field_factor
+from strainsight.experiment.hold_out import applied_factor, field_factor, held_out, left_out
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.considered import exact_frequencies_in_words, not_held_in_words, tolerated
 from strainsight.experiment.structure.consistency import (
@@ -239,7 +239,9 @@ def campaign_of(
         hold_outs = held_out(system, lambda task, share: progress(task, LATER + (HELD - LATER) * share))
         if not withheld:
             pairs = zip(hold_outs, tests, strict=True)
-            hold_outs = [with_field_factor(one, test.labels, test.values) for one, test in pairs]
+            hold_outs = [
+                replace(one, field_factor=field_factor(left_out(one, test.labels, test.values))) for one, test in pairs
+            ]
     progress("field", HELD if settings.hold_out else LATER)
 
     def filters_of(changed: PlacementConfig) -> list[RecordFilter]:

@@ -143,9 +143,10 @@ class _Study:
 
 
 def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -> dict[str, _Study]:
-    width = max(part.channels.shape[1] for part in parts.values())
+    channels = [part.channels for part in parts.values()]
+    width = max(each.shape[1] for each in channels)
     runs = Runs(
-        np.concatenate([_widened(part.channels, width) for part in parts.values()]),
+        np.concatenate([np.pad(c, ((0, 0), (0, width - c.shape[1])), constant_values=-1) for c in channels]),
         *(
             np.concatenate([getattr(part, key) for part in parts.values()])
             for key in ("noise_factor", "start", "realisation")
@@ -195,11 +196,6 @@ def _batch(trial: Trial, batch: Batch) -> _Study:
     values = physical(model, run.mean, run.std)
     estimate = {name: values[name][0] for name in trial.names}
     return _Study(*real_and_claimed(trial, model, run.mean, run.std), estimate, run.lost)
-
-
-def _widened(channels: np.ndarray, width: int) -> np.ndarray:
-    """Pad channels (B, k) with −1 to a width."""
-    return np.pad(channels, ((0, 0), (0, width - channels.shape[1])), constant_values=-1)
 
 
 SweepTask = tuple[str, float, Trial | None, np.ndarray]
