@@ -25,6 +25,8 @@ ROOT = Path(__file__).resolve().parent.parent
 COMMAND = str(Path(sys.executable).parent / "strainsight")
 GAUGES = tuple(f"G{i + 1}" for i in range(8))
 STEP = 1e-3
+INCONSISTENT = 3
+"""Exit code of an inconsistent record: the training simulation repeats, and so does its end."""
 
 
 def config(folder: Path) -> Path:
@@ -73,7 +75,9 @@ def main() -> None:
         subprocess.run([COMMAND, "place", path.name], cwd=folder, check=True, stdout=subprocess.DEVNULL)
         print(f"{record(folder, samples).stat().st_size / 1e6:.0f} MB")
         before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        done = subprocess.run([COMMAND, "estimate", path.name], cwd=folder, check=True, capture_output=True, text=True)
+        done = subprocess.run([COMMAND, "estimate", path.name], cwd=folder, capture_output=True, text=True)
+        if done.returncode not in (0, INCONSISTENT):
+            sys.exit(done.stderr)
         own = resource.getrusage(resource.RUSAGE_CHILDREN)
         spent = own.ru_utime + own.ru_stime - before.ru_utime - before.ru_stime
         print(done.stderr.strip())

@@ -56,7 +56,7 @@ class Code:
             )
             message = process.stderr.read() if process.stderr is not None else b""
             _, status, usage = os.wait4(process.pid, 0)
-        if os.waitstatus_to_exitcode(status):
+        if os.waitstatus_to_exitcode(status) not in (0, long_record.INCONSISTENT):
             sys.exit(f"{' '.join(words)} at {self.root}: {message.decode(errors='replace')}")
         return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 2**20
 
