@@ -314,6 +314,9 @@ def test_tuned_factors_maximise_likelihood():
     assert best > run_filter(model, mean, P0, known, both).log_likelihood.sum()
     for a, b in ((0.9, 1), (1.1, 1), (1, 0.9), (1, 1.1), (0.9, 1.1), (1.1, 0.9)):
         assert likelihood(a, b) < best
+    for axis in np.eye(2):
+        less, more = likelihood(*np.exp(-0.02 * axis)), likelihood(*np.exp(0.02 * axis))
+        assert abs(0.5 * 0.02 * (less - more) / (less - 2 * best + more)) < 1e-3
 
 
 def test_parts_of_the_process_noise_are_distinguished():
