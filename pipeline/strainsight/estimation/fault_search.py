@@ -52,7 +52,8 @@ MOST_SIZES, HALVED = 6, 2
 FASTER = (3.0, 10.0, 30.0, 100.0)
 """Factors on the intensity of unknown loads; if their process noise is too small, this is no fault of the record."""
 UNRESOLVED = 0.1
-"""Share of the gain in evidence by faster loads that the model of the loads does not resolve: it adds to MARGIN."""
+"""Share of the gain in evidence by faster loads that the model of the loads does not resolve: it adds to MARGIN if these loads
+explain the record."""
 FAINT, QUIET = 0.2, 2.0
 """A channel may be dead below this share of its prediction, and below this multiple of its noise."""
 FEWEST = 3
@@ -177,7 +178,8 @@ def search_faults(
         tried += _try_model_errors(scaled, reference.evidence)
         hum = None if run is None else explain_hum(scaled, reference, run)
         tried += [] if hum is None else [hum]
-    unresolved = UNRESOLVED * (reference.evidence - as_it_is.evidence) if np.isfinite(as_it_is.evidence) else 0.0
+    explains = reference.ratio <= BELIEVABLE and np.isfinite(as_it_is.evidence)
+    unresolved = UNRESOLVED * (reference.evidence - as_it_is.evidence) if explains else 0.0
     named, candidates = choose_fault(reference.evidence, tried, MARGIN + unresolved)
     finding = Diagnosis(bool(candidates), as_it_is, check, tuple(tried), named, candidates)
     shifted = shifted_mode(record.model, record.considered, run)
