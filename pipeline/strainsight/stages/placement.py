@@ -188,7 +188,7 @@ PLACE = Stage(
 
 ESTIMATE = Stage(
     "estimate",
-    version=43,
+    version=44,
     reads=(
         "seed",
         "mesh.point_masses",
