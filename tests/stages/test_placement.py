@@ -49,6 +49,32 @@ def test_readings_are_sized_some_channels_at_a_time(artefacts, config, results, 
     np.testing.assert_allclose(found["/peak"], np.abs(strain).max(axis=0), rtol=1e-12)
 
 
+TWO_LOADS = (
+    "loads.side={node: 2, direction: [0, 1, 0], known: false, signal: {type: sine, frequency: 31.0, amplitude: 200}}",
+    *("place.estimate=[E, side]", "validate.initial_std={E: 0.1, side: 0.5}", "place.keep=2"),
+    *("screen.by=strength", "screen.minimum_spacing=0"),
+)
+
+
+@pytest.mark.slow
+def test_a_pool_of_few_is_extended_by_the_candidates_that_improve_the_layout(config, results, tmp_path):
+    """The strongest readings are those of `tip`. From them the pair of all candidates that is proven to be the best is reached."""
+    shutil.copytree(results, tmp_path / "results")
+
+    def placed(*changes):
+        job = job_of(config, tmp_path / "results", *COARSE, *TWO_LOADS, *changes)
+        return finished(job, PLACEMENT[:7])["place"][2].summary
+
+    best = placed("screen.keep=all", "place.prove=60")
+    alone, extended = placed("screen.keep=6"), placed("screen.keep=6", "place.search=all")
+    assert best["proven"]
+    assert best["lower_bound"] * (1 - 1e-9) <= extended["trace_final"] <= best["trace_final"] * (1 + 1e-4)
+    assert extended["lower_bound"] <= best["trace_final"]
+    assert extended["bounded"] == best["pool"] > extended["pool"] > alone["pool"]
+    assert extended["beyond"] == 0
+    assert extended["std.side"] < 0.985 * alone["std.side"]
+
+
 def test_the_list_of_gauges_reports_what_the_artefacts_say(artefacts):
     place, train = artefacts["place"], artefacts["train"]
     lines = list(csv.DictReader((place.path.parent / "gauges.csv").read_text().splitlines()))

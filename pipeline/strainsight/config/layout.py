@@ -162,6 +162,14 @@ class ZoneLimit(Section):
     count: Annotated[int, Plausible(0, 1000)] = expert(ge=0, description="Largest number of gauges in the zone [-].")
 
 
+Search = Literal["all", "pool"]
+SEARCH = (
+    "Candidates for the optimised layout. With `all`: the lower bound of the criterion is valid for layouts of "
+    "all candidates. Candidates that could improve the layout are added to the pool, which is the result of the stage "
+    "`screen`, or `place.pool` of a bench. With `pool`: layout and lower bound consider only the candidates in the pool."
+)
+
+
 class LayoutSettings(Section):
     """Layout of the gauges: number of gauges, limits, criterion and search."""
 
@@ -199,6 +207,7 @@ class LayoutSettings(Section):
         True,
         description="`true`: exchange single gauges after the backward elimination until no exchange improves the criterion.",
     )
+    search: Search = expert("pool", description=SEARCH)
     optimise: Literal["metric", "worst_failure"] = expert(
         "metric",
         description="Objective of the search. With `metric`: the criterion of the whole layout. With `worst_failure`: the "

@@ -29,7 +29,7 @@ from strainsight.config.bench.bodies import BearingLoads, BearingSection, Body, 
 from strainsight.config.bench.connections import AtFrame, Between, Driven, Force, Joint
 from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.config.gauges import BondedGauge, Direction, GaugeSites, Priced, PrincipalDirection, Snapped
-from strainsight.config.layout import Keep, LayoutSettings
+from strainsight.config.layout import SEARCH, Keep, LayoutSettings, Search
 
 Layout = Literal["place", "random"]
 """Layout of the placement that a strain sensor uses."""
@@ -79,12 +79,7 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
         "not counted. The pool is filled in rounds. For each unknown load or parameter and each instant in `poses`, a round "
         "adds the remaining candidate with the largest static strain due to this unknown.",
     )
-    search: Literal["all", "pool"] = expert(
-        "all",
-        description="Candidates for the optimised layout. With `all`: the lower bound of the placement criterion is valid for "
-        "layouts of all candidates, and candidates that could improve the layout are added to the pool (`place.pool`). With "
-        "`pool`: the layout and the lower bound consider only the candidates in the pool.",
-    )
+    search: Search = expert("all", description=SEARCH)
     spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
         description="Smallest distance between two candidates that are added to the pool (`place.pool`) for the same unknown "

@@ -9,13 +9,22 @@ from itertools import chain
 
 import numpy as np
 
+from strainsight.config.layout import LayoutSettings
 from strainsight.config.placement import PlacementConfig, Symmetry
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.layout.advice import Expectation, budget_table
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.output import layout_output, layout_record
 from strainsight.experiment.layout.placement import Placement, Subject, place
-from strainsight.experiment.layout.task import LoadCases, PoolReadings, PoolRows, Task, UnknownStates, layout_limits
+from strainsight.experiment.layout.task import (
+    LoadCases,
+    PoolReadings,
+    PoolRows,
+    Task,
+    UnknownStates,
+    Whole,
+    layout_limits,
+)
 from strainsight.experiment.structure.candidates import (
     CandidateChannels,
     largest_of_quantity,
@@ -67,6 +76,7 @@ from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
 from strainsight.runner.output import Output, Scalar, Table
 from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.screening import KEPT, NEAR, WEAK
 from strainsight.sensors.symmetry import mirror_partners
 
 
@@ -126,6 +136,10 @@ def placement_of(
     )
 
 
+Every = tuple[tuple[Pool, ...], Limits]
+"""Scenarios solved with all candidates, and the limits of a layout."""
+
+
 @dataclass(frozen=True)
 class _OnStructure(Subject):
     """Structure as subject of a placement."""
@@ -152,19 +166,21 @@ class _OnStructure(Subject):
     @cached_property
     def pool(self) -> PoolRows:
         """Screened candidates."""
-        selected, symmetry = self.screened.kept, self.config.place.symmetry
-        return pool_of(selected, self.problem.channels, self.structure.pool, symmetry)
+        return self._rows(self.screened.kept)
 
     @cached_property
-    def price(self) -> np.ndarray:
-        """Price of every pool row (p,)."""
-        return prices(self.config, self.pool, self.structure.pool)
+    def every(self) -> PoolRows:
+        """Screened candidates, and those that screening omitted as weaker or too near to these."""
+        return self._rows(np.flatnonzero(np.isin(self.screened.reason, (KEPT, WEAK, NEAR))))
 
-    @cached_property
+    def _rows(self, gauges: np.ndarray) -> PoolRows:
+        return pool_of(gauges, self.problem.channels, self.structure.pool, self.config.place.symmetry)
+
     @blame("place.keep")
-    def limits(self) -> Limits:
+    def _limits(self, place: LayoutSettings, pool: PoolRows) -> Limits:
         """Limits of a layout."""
-        return layout_limits(self.config.place, self.pool, self.structure.mesh, self.structure.pool, self.price)
+        price = prices(self.config, pool, self.structure.pool)
+        return layout_limits(place, pool, self.structure.mesh, self.structure.pool, price)
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -188,7 +204,8 @@ class _OnStructure(Subject):
         return self.screened.installation
 
     def tasks(self) -> list[Task]:
-        return [self._task(share) for share in ((0.0, COHERENCE) if self.installation.any() else (0.0,))]
+        shares = (0.0, COHERENCE) if self.installation.any() else (0.0,)
+        return [self._task(self.pool, share, self._all_candidates(share)) for share in shares]
 
     def expectation(self, gauges: np.ndarray) -> Expectation:
         return worst_case(self.expectations(gauges), [problem.acts for problem in self.problems])
@@ -227,11 +244,31 @@ class _OnStructure(Subject):
             for problem, more in zip(self.problems, added, strict=True)
         ]
 
-    def _task(self, share: float) -> Task:
-        config, problem = self.config, self.problem
-        unknowns, scenarios = problem.unknowns, self._scenarios(self.pool.channels, share)
+    def _solved(self, scenarios: Sequence[Sequence[Scenario]]) -> tuple[Pool, ...]:
         with blame("place.estimate"):
-            pools = self.using.sweep(solve_named_pool, tuple(chain(*scenarios)), unknowns.state_names)
+            names = self.problem.unknowns.state_names
+            return tuple(self.using.sweep(solve_named_pool, tuple(chain(*scenarios)), names))
+
+    def _all_candidates(self, share: float) -> Every | None:
+        """Scenarios solved with all candidates, and the limits without spacing, as a bound without spacing remains valid; None if
+        the layout is of the pool."""
+        place = self.config.place
+        if place.search == "pool" or len(self.every.gauges) == len(self.pool.gauges):
+            return None
+        without_spacing = place.model_copy(update={"minimum_spacing": 0.0})
+        return self._solved(self._scenarios(self.every.channels, share)), self._limits(without_spacing, self.every)
+
+    def _task(self, pool: PoolRows, share: float, every: Every | None) -> Task:
+        config, problem = self.config, self.problem
+        unknowns, scenarios = problem.unknowns, self._scenarios(pool.channels, share)
+        pools, whole = self._solved(scenarios), None
+        if every is not None and len(pool.gauges) < len(self.every.gauges):
+            rows = np.flatnonzero(np.isin(self.every.gauges[:, 0], pool.gauges[:, 0]))
+
+            def task_with(rows: np.ndarray) -> Task:
+                return self._task(self._rows(np.sort(self.every.gauges_of(rows))), share, every)
+
+            whole = Whole(*every, rows, task_with)
         cases = self._cases([len(of_case) for of_case in scenarios])
         return Task(
             UnknownStates(
@@ -241,18 +278,19 @@ class _OnStructure(Subject):
                 unknowns.scale if cases is None else cases.amplitude(),
                 np.ones(len(unknowns.names)),
             ),
-            tuple(pools),
+            pools,
             self.structure.pool,
-            self.pool,
-            self.price,
-            self.limits,
+            pool,
+            prices(config, pool, self.structure.pool),
+            self._limits(config.place, pool),
             config.place,
-            self._readings(),
+            self._readings(pool),
             config.seed,
             config.place.aggregate,
             config.place.weights,
             coherence=share * config.train.duration,
             cases=cases,
+            whole=whole,
             single=partial(self._single, share=share),
         )
 
@@ -269,9 +307,9 @@ class _OnStructure(Subject):
             np.array([problem.unknowns.scale for problem in problems]),
         )
 
-    def _readings(self) -> PoolReadings:
+    def _readings(self, pool: PoolRows) -> PoolReadings:
         """Pool rows per reduced coordinate, of accelerometers at the guess."""
-        p, channels = self.problem, self.pool.channels
+        p, channels = self.problem, pool.channels
         F = linearise(p.model, p.unknowns, p.model.reference, p.x[:1], instant_values(p.u)[:1])[0]
         every = measurement_rows(p.channels.rows, p.channels.quantity, F)[:, : p.model.size]
         return PoolReadings(of_channels(every, channels), p.channels.noise_std[channels] ** 2, self.covariance)
@@ -293,20 +331,20 @@ def _worst_observability(placement: Placement, subject: _OnStructure) -> Observa
     of = np.zeros(1, dtype=int) if task.cases is None else task.cases.of
     first = [task.pools[int(np.flatnonzero(of == case)[0])] for case in range(len(subject.problems))]
     every = [
-        _observability(problem, pool.scenario.scaled(1 / pool.scale), subject)
+        _observability(problem, pool.scenario.scaled(1 / pool.scale), subject.structure, task.pool)
         for problem, pool in zip(subject.problems, first, strict=True)
     ]
     return max(every, key=lambda case: case.condition)
 
 
-def _observability(problem: Problem, scenario: Scenario, subject: _OnStructure) -> Observability:
+def _observability(problem: Problem, scenario: Scenario, structure: Structure, pool: PoolRows) -> Observability:
     """Observability in unscaled coordinates x*."""
     p, n = problem, problem.model.size
     frequency = np.sqrt(modal_basis(p.model, p.model.reference)[0])
     amplitude = float(np.sqrt(np.sum((p.x[:, :n] * frequency) ** 2 + p.x[:, n:] ** 2, axis=1)).max())
-    exists = subject.pool.channels >= 0
-    used = subject.pool.channels[exists]
-    peak = subject.structure.training.motion_in(p.run.name).peak[used]
+    exists = pool.channels >= 0
+    used = pool.channels[exists]
+    peak = structure.training.motion_in(p.run.name).peak[used]
     H = scenario.H[exists] if scenario.H.ndim == 3 else scenario.H
     return observability(
         scenario.F,
