@@ -58,7 +58,7 @@ TWO_LOADS = (
 
 @pytest.mark.slow
 def test_a_pool_of_few_is_extended_by_the_candidates_that_improve_the_layout(config, results, tmp_path):
-    """The strongest readings are those of `tip`. From them the pair of all candidates that is proven to be the best is reached."""
+    """The strongest readings are those of `tip`. From them the search reaches the proven best pair of all candidates."""
     shutil.copytree(results, tmp_path / "results")
 
     def placed(*changes):
