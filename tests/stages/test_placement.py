@@ -49,6 +49,19 @@ def test_readings_are_sized_some_channels_at_a_time(artefacts, config, results, 
     np.testing.assert_allclose(found["/peak"], np.abs(strain).max(axis=0), rtol=1e-12)
 
 
+def test_influence_matrix_is_that_of_a_beam(artefacts):
+    """A tip load of a cantilever: ε = F (L − x) z / E I on its top and bottom, at the guess of E."""
+    place, train = artefacts["place"], artefacts["train"]
+    at = train["/gauges/position"][place["/selected/final/number"]]
+    E, inertia = 1.89e11, 0.25 * 0.19**3 / 12
+    assert [str(name) for name in place["/influence/load"]] == ["tip"]
+    strain = place["/influence/reading"][:, 0]
+    np.testing.assert_allclose(np.abs(strain), (2 - at[:, 0]) * np.abs(at[:, 2]) / (E * inertia), rtol=0.05)
+    ratio = train["/rms"][place["/selected/final/number"]] / artefacts["screen"]["/noise_std"][place["/selected/final/number"]]
+    np.testing.assert_allclose(place["/influence/signal_to_noise"], ratio)
+    assert np.isnan(place["/influence/condition"])
+
+
 TWO_LOADS = (
     "loads.side={node: 2, direction: [0, 1, 0], known: false, signal: {type: sine, frequency: 31.0, amplitude: 200}}",
     *("place.estimate=[E, side]", "validate.initial_std={E: 0.1, side: 0.5}", "place.keep=2"),

@@ -259,6 +259,26 @@ class HotSpots:
 
 
 @record
+class Influence:
+    """Influence matrix of the layout."""
+
+    load: tuple[str, ...] = dataset("1", "/load", "names of the loads")
+    unit: tuple[str, ...] = dataset("1", "/load", "unit of every load")
+    reading: np.ndarray = dataset(
+        "SI", "channel × /load", "static reading of every channel of the layout per unit of every load, at the guess"
+    )
+    signal_to_noise: np.ndarray = dataset(
+        "1", "channel", "RMS reading of every channel in the stage `train`, relative to the noise of a sample"
+    )
+    condition: float = dataset(
+        "1",
+        "",
+        "condition number of the readings of the unknown loads, relative to noise and for the RMS of every load in the stage "
+        "`train`; NaN: fewer than two unknown loads",
+    )
+
+
+@record
 class AtGauges:
     """Bonding conditions at the gauge locations, for the final set or any set."""
 
@@ -359,6 +379,7 @@ class Placed(PlacedLayout):
     )
     budget: Budget | None = group(default=None)
     observability: Observability = group()
+    influence: Influence | None = group(default=None)
     hot_spots: HotSpots | None = group(default=None)
     at_gauges: AtGauges | None = group(default=None)
     by_case: ByCase | None = group(path="/load_cases", what="<what>", default=None)

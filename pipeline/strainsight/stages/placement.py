@@ -155,7 +155,7 @@ OBSERVE = Stage(
 
 PLACE = Stage(
     "place",
-    version=35,
+    version=36,
     reads=(
         "seed",
         "mesh.length_unit",

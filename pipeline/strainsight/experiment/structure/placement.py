@@ -50,6 +50,7 @@ from strainsight.experiment.structure.expectation import (
     unresolved_gauges,
     worst_case,
 )
+from strainsight.experiment.structure.influence import influence_of, influence_table
 from strainsight.experiment.structure.problem import (
     Problem,
     load_dependence_text,
@@ -70,7 +71,7 @@ from strainsight.loads.observability import Observability, observability
 from strainsight.mesh.model import Mesh
 from strainsight.placement.limits import Limits
 from strainsight.placement.scenario import Pool, Scenario, solve_named_pool, solve_pool
-from strainsight.records.placed import AtGauges, ByCase, HotSpots, Placed, budget_of_shares
+from strainsight.records.placed import AtGauges, ByCase, HotSpots, Influence, Placed, budget_of_shares
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
@@ -84,11 +85,12 @@ from strainsight.sensors.symmetry import mirror_partners
 class StructurePlacement(Placement):
     """Result of a placement on a structure; σ is relative to the scale of an unknown.
 
-    condition: observability by the pool in the worst load case; hot_spots: None without a solid mesh; at_gauges: strain gradient
-    and access, None without a surface; by_case: None without load cases."""
+    condition: observability by the pool in the worst load case; influence: None for a free structure; hot_spots: None without a
+    solid mesh; at_gauges: strain gradient and access, None without a surface; by_case: None without load cases."""
 
     problem: Problem
     condition: Observability
+    influence: Influence | None
     hot_spots: HotSpots | None
     at_gauges: AtGauges | None
     by_case: ByCase | None
@@ -130,6 +132,7 @@ def placement_of(
         **vars(replace(placement, advice=advice, listed=noted)),
         problem=subject.problem,
         condition=_worst_observability(placement, subject),
+        influence=influence_of(structure, screened, structure.pool.channels(gauges)),
         hot_spots=hot,
         at_gauges=sites,
         by_case=by_case,
@@ -419,6 +422,7 @@ def placement_output(placement: StructurePlacement, mesh: Mesh, length_unit: str
         without=expected.without,
         budget=budget_of_shares(expected.budget),
         observability=condition,
+        influence=placement.influence,
         hot_spots=hot,
         at_gauges=placement.at_gauges,
         by_case=by_case,
@@ -429,6 +433,8 @@ def placement_output(placement: StructurePlacement, mesh: Mesh, length_unit: str
     tables: tuple[Table, ...] = (budget_table(expected.budget),)
     if by_case is not None:
         tables = (case_table(by_case, placement.task.criterion.symbol), *tables)
+    if placement.influence is not None:
+        tables += (influence_table(placement.influence, placement.listed),)
     if hot is not None:
         numbers |= {"hot_spots": int(hot.hot.sum())}
         tables += (hot_spot_table(hot, placement.listed.labels),)

@@ -18,6 +18,7 @@ from strainsight.pages.arrays import FloatArray, History, IntArray, Reading
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.records.estimated import Compared, Posterior
 from strainsight.records.placed import ByCase
+from strainsight.runner.output import Table
 
 
 @dataclass(frozen=True)
@@ -182,9 +183,9 @@ class PlacementReport:
 
     settings: config section `report`; frequencies [Hz]: at the reference; metrics: that of the layout first; criteria: layouts by
     rule, the placed one first; cases: observability cases; observability: name → number;
-    load_cases: None for the configured loads; budget: unknown → source → share of the expected variance, may be empty;
-    advice, warnings, not_tested: sentences; posteriors: by parameter; filters: comparison; truth_description: simulated truth;
-    test: result of the test of this layout, may be empty;
+    load_cases: None for the configured loads; influence: None for a free structure; budget: unknown → source → share of the
+    expected variance, may be empty; advice, warnings, not_tested: sentences; posteriors: by parameter; filters: comparison;
+    truth_description: simulated truth; test: result of the test of this layout, may be empty;
     facts: mesh, mass, pool sizes; seconds: stage → computing time [s]; provenance: versions, seed, keys; assumes: rows of model
     assumptions."""
 
@@ -206,6 +207,7 @@ class PlacementReport:
     load_cases: ByCase | None = None
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     advice: tuple[str, ...] = ()
+    influence: Table | None = None
     observability: Mapping[str, float] = field(default_factory=dict)
     truth_description: str = ""
     filters: Compared | None = None

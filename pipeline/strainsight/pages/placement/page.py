@@ -50,6 +50,11 @@ from strainsight.pages.space.model import ShownState
 from strainsight.pages.space.section import space_section
 from strainsight.text import listed, unbroken
 
+INFLUENCE = (
+    "Static reading of each channel per unit of each load, with the parameters at their guess. The condition number is that of "
+    "the columns of the unknown loads, relative to noise; a large number means that the readings hardly separate these loads."
+)
+
 
 def denominator(unknown: Unknown) -> str:
     """Reference of relative errors and σ of an unknown."""
@@ -300,6 +305,7 @@ def placement_page(
         sections.advice_card(report.advice),
         sections.section("Load cases", load_cases_table(report), "load-cases"),
         sections.section("Gauges", gauge_table(report)),
+        sections.listing_section("Influence matrix", report.influence, range(1, 99), INFLUENCE),
         sheets_section(sheets),
         sections.budget_section(report.budget),
         _trend(report, drawings),

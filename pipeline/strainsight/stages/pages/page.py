@@ -19,6 +19,7 @@ from strainsight.experiment.layout.workshop import Workshop
 from strainsight.experiment.structure.clearance import clearance_warning
 from strainsight.experiment.structure.expectation import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.experiment.structure.filtering import posterior_doubts
+from strainsight.experiment.structure.influence import INFLUENCE
 from strainsight.experiment.structure.mesh import model_warnings
 from strainsight.experiment.structure.mesh_tables import ASSUMES
 from strainsight.experiment.structure.references import on_one_node
@@ -69,6 +70,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         load_cases=place.by_case,
         budget={} if budget is None else budget.shares,
         advice=place.advice,
+        influence=next((table for table in up["place"].tables if table.title.startswith(INFLUENCE)), None),
         observability={"condition": place.observability.condition},
         truth_description=str(validate.summary["description"]),
         filters=validated.compared,

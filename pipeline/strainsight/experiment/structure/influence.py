@@ -1,0 +1,69 @@
+"""Influence matrix of a layout: static readings per unit of each load, and signal-to-noise ratios."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.experiment.layout.gauge_list import GaugeList, channel_labels
+from strainsight.experiment.structure.structure import Structure
+from strainsight.records.placed import Influence
+from strainsight.records.training import Screened
+from strainsight.runner.output import Table
+from strainsight.sensors.candidates import ACCELERATION, UNITS
+from strainsight.text import reading_unit
+
+FREE = 1e-9
+"""Square of the lowest frequency over that of the highest mode below which a structure has no static response."""
+
+
+def influence_of(structure: Structure, screened: Screened, channels: np.ndarray) -> Influence | None:
+    """Static readings per unit of each load at the guess, in the modal coordinates of the reduced model (M = I, K = Λ):
+
+        Φ = R Λ⁻¹ S
+
+    Its condition is that of σ⁻¹ Φ diag(RMS of the loads in training) for the unknown loads; NaN for fewer than two. channels
+    (m,). None for a structure that can move freely, as it has no static response."""
+    training, model = structure.training, structure.reduced.model
+    lam = np.diag(model.stiffness.at(model.reference))
+    if lam.min() <= FREE * lam.max():
+        return None
+    reading = training.rows[channels] @ (model.input_shape / lam[:, None])
+    reading[training.candidates.quantity[channels] == ACCELERATION] = 0.0
+    std = screened.noise_std[channels]
+    unknown = [i for i, name in enumerate(model.inputs) if name in structure.config.place.estimate]
+    rms = np.sqrt(np.mean(training.load[:, unknown] ** 2, axis=0))
+    whitened = reading[:, unknown] * rms / std[:, None]
+    return Influence(
+        load=tuple(model.inputs),
+        unit=tuple(structure.config.loads[name].unit for name in model.inputs),
+        reading=reading,
+        signal_to_noise=training.rms[channels] / std,
+        condition=float(np.linalg.cond(whitened)) if len(unknown) > 1 else np.nan,
+    )
+
+
+INFLUENCE = "influence matrix: static readings per unit load"
+"""Title of the table, before its condition number."""
+PER = {"N": (1e3, "kN"), "N m": (1e3, "kN m"), "Pa": (1e6, "MPa")}
+"""Unit of a load for which readings are given."""
+
+
+def influence_table(influence: Influence, listed: GaugeList) -> Table:
+    """Table of the influence matrix of a layout."""
+    scales = [PER.get(unit, (1.0, unit)) for unit in influence.unit]
+    units = [UNITS[int(quantity)] for quantity in listed.channels.quantity]
+    rows = tuple(
+        (label, *(_reading(x * scale, unit) for x, (scale, _) in zip(values, scales, strict=True)), f"{ratio:.3g}")
+        for label, unit, values, ratio in zip(
+            channel_labels(listed), units, influence.reading, influence.signal_to_noise, strict=True
+        )
+    )
+    heads = (f"per {unit} of {name}" for name, (_, unit) in zip(influence.load, scales, strict=True))
+    condition = "" if np.isnan(influence.condition) else f"; condition number {influence.condition:.3g}"
+    columns = ("channel", *heads, "RMS in training over noise")
+    return Table(f"{INFLUENCE}{condition}", columns, rows)
+
+
+def _reading(value: float, unit: str) -> str:
+    factor, shown = reading_unit(abs(value), unit)
+    return f"{value / factor:.4g} {shown}"
