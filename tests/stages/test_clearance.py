@@ -86,14 +86,15 @@ def test_a_default_that_leaves_no_choice_is_halved_with_a_word_and_a_stated_one_
     places are to be 0.3 m apart there is no choice whatever the clearance."""
     training, _ = beam()
     case = beam.case("screen.keep=all", "screen.minimum_spacing=0", "gauges.grid_length=0.06")
-    found, blocked = clearance_of(Structure(case.config, {}, beam.mesh, beam.reduced, training))
+    free = np.zeros(training.candidates.gauges, dtype=bool)
+    found, blocked = clearance_of(Structure(case.config, {}, beam.mesh, beam.reduced, training), free)
     assert found.wanted == carrier_clearance(0.06)
     assert found.distance == 0.5 * found.wanted
     left = np.unique(training.candidates.position[training.candidates.first[~blocked]], axis=0)
     assert len(left) >= CHOICE
     assert f"{1e3 * found.distance:.3g} mm is used" in clearance_warning(found)
     sparse = beam.case("screen.keep=all", "screen.minimum_spacing=0.3")
-    found, blocked = clearance_of(Structure(sparse.config, {}, beam.mesh, beam.reduced, training))
+    found, blocked = clearance_of(Structure(sparse.config, {}, beam.mesh, beam.reduced, training), free)
     assert found.distance == 0
     assert not blocked.any()
     assert "no clearance is used" in clearance_warning(found)
@@ -195,3 +196,27 @@ def test_zones_by_name_include_and_limit_too_and_a_name_that_is_not_there_is_nam
         beam("gauges.exclude=[seta]")
     assert caught.value.key == "gauges.exclude.0"
     assert caught.value.remedy == "did you mean seat?"
+
+
+ON_SEAT = "loads.tip.set=seat", "loads.tip.node=null"
+EVERYWHERE = "gauges.allow=[enclosed, bores, loaded]"
+
+
+def test_all_candidates_of_a_part_without_inaccessible_places_stay(beam):
+    """No other part lies on the beam: what the three rules could exclude changes nothing, to the last digit."""
+    for default, every in zip(beam(), beam(EVERYWHERE), strict=True):
+        for name in ("kept", "reason", "snr", "noise_std", "installation") if hasattr(default, "kept") else ("rows",):
+            np.testing.assert_array_equal(getattr(default, name), getattr(every, name))
+
+
+def test_facets_under_a_force_carry_no_gauge_and_those_under_a_pressure_do(beam):
+    """The seat: 4 × 4 facets, with two gauges each, of which all nodes are loaded; the clearance is less than half a facet."""
+    training, screened = beam(*ON_SEAT, "gauges.clearance=0.001")
+    x = training.candidates.position[training.candidates.first]
+    seat = (np.abs(x[:, 0] - 0.5) < 0.151) & (np.abs(x[:, 1] - x[:, 1].mean()) < 0.0151) & (x[:, 2] > x[:, 2].max() - 1e-6)
+    assert np.count_nonzero(seat) == 32
+    np.testing.assert_array_equal(screened.reason == "loaded", seat)
+    _, pressed = beam(*ON_SEAT, "gauges.clearance=0.001", "loads.tip.direction=null", "loads.tip.pressure=true")
+    assert not np.any(pressed.reason == "loaded")
+    _, kept = beam(*ON_SEAT, "gauges.clearance=0.001", "gauges.allow=[loaded]")
+    assert not np.any(kept.reason == "loaded")

@@ -411,7 +411,18 @@ class GaugeSites(SensorSites, Snapped):
     """Candidate locations of strain gauges, and largest distance of bonded gauges from the surface."""
 
 
-class Gauges(GaugeSites, Noisy):
+class Accessible(Section):
+    """Sensors on places that can be reached by hand."""
+
+    allow: tuple[Literal["enclosed", "bores", "loaded"], ...] = Field(
+        (),
+        description="Places for candidates that are excluded by default. With `enclosed`: surfaces with a view factor of the "
+        "outside below 5 %, as inside a closed part. With `bores`: bores narrower than 60 mm, or with loads, supports or ties. "
+        "With `loaded`: facets of solids under a load other than a pressure.",
+    )
+
+
+class Gauges(GaugeSites, Accessible, Noisy):
     """Candidate locations, measuring directions and noise of strain gauges."""
 
     type: Text | None = Field(
@@ -471,7 +482,7 @@ class Gauges(GaugeSites, Noisy):
     )
 
 
-class MotionSensors(SensorSites, Noisy):
+class MotionSensors(SensorSites, Accessible, Noisy):
     """Candidate accelerometers or displacement sensors, in addition to the strain gauges."""
 
     quantity: Literal["acceleration", "displacement"] = Field(

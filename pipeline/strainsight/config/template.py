@@ -56,6 +56,7 @@ gauges:
 {direction}
   noise_std: {{relative_to_strongest: 0.01}}                # ← 1 % of the largest reading; or {{value: 1.0e-7}} [strain]
 {type}  # clearance: 0.005              # [m] to edges, supports and loads, or none; default: half the carrier diagonal
+  # allow: [enclosed]             # places to keep that are excluded by default: enclosed, bores, loaded
 {exclude}
 screen:
   keep: {pool}                       # number of candidates for the elimination, or all

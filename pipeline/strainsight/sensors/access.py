@@ -1,4 +1,4 @@
-"""Access to gauges: clearance above and next to them, contact faces, and the opposite side of a wall."""
+"""Access to gauges: clearance above and next to them, contact faces, bores, and the opposite side of a wall."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 from strainsight.mesh.facets import Facets, by_kind
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import Candidates
-from strainsight.sensors.faces import Faces
+from strainsight.sensors.edges import constrained_nodes
+from strainsight.sensors.faces import Faces, facet_vectors
 from strainsight.sensors.strain_operator import installation_axes
 from strainsight.sensors.surface import facet_centres, farthest_axis, on_reference
 from strainsight.sensors.surface_paths import Located, Skin, local_at, radius_of
@@ -81,6 +82,8 @@ def _ray_hits(
     return xi, np.sum((points[of] - x) * n, axis=1), is_hit
 
 
+HAND = 0.06
+"""Free height [m] needed for bonding by hand with pad and clamp."""
 SLANT = np.deg2rad(45.0)
 """Angle from the normal of the rays that detect walls next to a gauge."""
 OFF = 1e-6
@@ -116,7 +119,7 @@ def room(skin: Skin, candidates: Candidates, reach: float) -> np.ndarray:
 ALONG = np.cos(np.deg2rad(5.0))
 """Cosine of the largest angle between the axis of a bore and the normal of a face that it meets at a right angle."""
 RIM = 3
-"""Least number of nodes shared by a bore and the face that it meets, and of supported nodes of a supported bore (a circle)."""
+"""Least number of nodes shared by a bore and the face that it meets, and of supported or loaded nodes of a bore (a circle)."""
 LEVEL = 1e-6
 """Largest difference of equal heights, as a share of the size of the part."""
 
@@ -201,3 +204,25 @@ def _supported_nodes(mesh: Mesh) -> np.ndarray:
     for relation in mesh.relations:
         supported[relation.node[0]] |= bool(supported[relation.node[1:]].all())
     return mesh.above(supported)
+
+
+def on_bores(mesh: Mesh, facets: Facets, faces: Faces, loaded: np.ndarray) -> np.ndarray:
+    """Which facets (f,) lie on a bore that is narrower than `HAND`, or holds a pin or a bolt: at least `RIM` of its nodes are
+    loaded (l,), supported, tied or on springs.
+
+    Bores are those of `Faces` that go around their axis: their normals leave no gap of 180°, unlike those of a fillet or a
+    groove."""
+    holding = constrained_nodes(mesh)
+    holding[loaded] = True
+    vector = facet_vectors(mesh.position, facets)
+    bore = np.zeros(len(faces.area), dtype=bool)
+    for face in np.flatnonzero(faces.hollow):
+        on = faces.of == face
+        axis = faces.axis[face]
+        e1 = np.cross(axis, farthest_axis(axis[None])[0])
+        angle = np.sort(np.arctan2(vector[on] @ np.cross(axis, e1), vector[on] @ e1))
+        around = np.diff(angle, append=angle[0] + 2 * np.pi).max() < np.pi - ON
+        nodes = np.unique(facets.nodes[on])
+        full = np.count_nonzero(holding[nodes[nodes >= 0]]) >= RIM
+        bore[face] = around and (full or 2 * faces.radius[face] < HAND)
+    return bore[faces.of]

@@ -12,8 +12,10 @@ from scipy.spatial import cKDTree
 from strainsight.errors import InfeasibleError
 from strainsight.ordering import tied_order
 
-KEPT, WEAK, NEAR, OVER_RANGE, CLEARANCE, BEND = "", "snr", "spacing", "range", "clearance", "bend"
-"""Reasons for dropping a gauge; the distance from edges, supports and loads, and the surface curvature, are checked before."""
+KEPT, WEAK, NEAR, OVER_RANGE = "", "snr", "spacing", "range"
+"""Reasons for dropping a gauge."""
+CLEARANCE, BEND, BORE, ENCLOSED, LOADED = UNSUITABLE = "clearance", "bend", "bore", "enclosed", "loaded"
+"""Reasons that are checked before: the place is unsuitable, whatever the gauge reads."""
 TIE = 1e-8
 """Largest difference of equal signals, as a share of the strongest; processors, BLAS and solvers differ by up to 3e-11."""
 

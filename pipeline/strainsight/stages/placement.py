@@ -112,7 +112,7 @@ TRAIN = Stage(
 
 SCREEN = Stage(
     "screen",
-    version=13,
+    version=14,
     reads=(
         "screen",
         "train",
@@ -124,8 +124,10 @@ SCREEN = Stage(
         "loads.*.signal",
         "loads.*.node",
         "loads.*.moment",
+        "loads.*.pressure",
         "loads.*.set",
         "loads.*.deck_load",
+        "gauges.allow",
         "gauges.type",
         "gauges.types",
         "gauges.clearance",
@@ -133,6 +135,7 @@ SCREEN = Stage(
         "gauges.grid_length",
         "gauges.noise_std",
         "gauges.range",
+        "motion_sensors.*.allow",
         "motion_sensors.*.noise_std",
         "motion_sensors.*.range",
         "parameters.*.property",
@@ -238,7 +241,7 @@ SPECTRUM = Stage(
 
 VALIDATE = Stage(
     "validate",
-    version=35,
+    version=36,
     reads=(
         "damping",
         *(
@@ -262,7 +265,7 @@ VALIDATE = Stage(
 
 REPORT = Stage(
     "report",
-    version=26,
+    version=27,
     reads=(
         "name",
         "seed",

@@ -26,7 +26,9 @@ from strainsight.records.reduced import Reduced
 from strainsight.runner.output import Dataset, Output, warnings_table
 from strainsight.runner.stage import Context
 from strainsight.sensors.candidates import UNITS
+from strainsight.sensors.enclosure import unobstructed
 from strainsight.sensors.export import edge_lines, seen_from
+from strainsight.sensors.surface_paths import skin_of
 from strainsight.stages import inputs
 from strainsight.stages.pages.page import placement_report
 from strainsight.stages.pages.page_layout import listed_gauges
@@ -82,7 +84,9 @@ def sheets_of(context: Context[PlacementConfig], shop: workshop.Workshop, mesh: 
     grids = listed.grids
     if not grids.facet.any():
         return []
-    lines = edge_lines(mesh.position, exterior_facets(mesh))
+    facets, on_facet = exterior_facets(mesh), np.flatnonzero(grids.facet)
+    lines, outside = edge_lines(mesh.position, facets), np.ones(len(grids), dtype=bool)
+    outside[on_facet] = unobstructed(skin_of(mesh.position, facets), grids.take(on_facet))
 
     @cache
     def views(normal: tuple[float, ...]) -> tuple[Projection, Projection]:
@@ -123,6 +127,7 @@ def sheets_of(context: Context[PlacementConfig], shop: workshop.Workshop, mesh: 
                 along=frame.turn(edges.along[i]),
                 element=int(grids.element[i]),
                 facet=int(grids.facet[i]),
+                outside=bool(outside[i]),
                 front=front,
                 side=side,
             )

@@ -18,6 +18,7 @@ from strainsight.experiment.structure.clearance import (
     type_in_words,
     type_table,
 )
+from strainsight.experiment.structure.exclusions import exclusions_in_words
 from strainsight.experiment.structure.expectation import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.experiment.structure.observation import observed_of
 from strainsight.experiment.structure.reduction import inertia_problems
@@ -32,7 +33,7 @@ from strainsight.records.training import Screened
 from strainsight.runner.output import Output, Table
 from strainsight.runner.stage import Context
 from strainsight.sensors.candidates import Candidates
-from strainsight.sensors.screening import BEND, CLEARANCE, NEAR, OVER_RANGE
+from strainsight.sensors.screening import BEND, CLEARANCE, NEAR, OVER_RANGE, UNSUITABLE
 from strainsight.stages import inputs
 
 
@@ -132,6 +133,8 @@ def run_screen(context: Context[PlacementConfig]) -> Output:
     shown = f"{1e6 * noise:.3g} µm/m" if strain else f"{noise:.3g}"
     parts = [f"{pool.gauges} → {len(screened.kept)}", f"noise {shown}"]
     _warn(*_fewer_than_asked(config.screen, screened, pool))
+    if removed := exclusions_in_words(screened, pool):
+        parts.append(removed)
     clearance, numbers = screened.clearance, {}
     if clearance is not None:
         parts.append(clearance_in_words(clearance, dropped[CLEARANCE]))
@@ -162,7 +165,7 @@ def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) ->
     kind = pool.array[pool.first]
     for i in np.unique(kind):
         reasons = screened.reason[kind == i]
-        clear = int(np.count_nonzero(~np.isin(reasons, (CLEARANCE, BEND))))
+        clear = int(np.count_nonzero(~np.isin(reasons, UNSUITABLE)))
         kept_count = int(np.count_nonzero(kind[screened.kept] == i))
         if settings.keep != "all" and kept_count < min(settings.keep, clear):
             name = str(screened.family[int(i)])

@@ -21,7 +21,7 @@ from strainsight.mesh.properties import with_value
 from strainsight.records.placed import AtGauges, HotSpots
 from strainsight.records.training import CARRIER, STATED, Clearance
 from strainsight.runner.output import Table
-from strainsight.sensors.access import room
+from strainsight.sensors.access import HAND, room
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.edges import carrier_clearance, crowded, half_diagonal, obstacles, room_for, sides, tight
 from strainsight.sensors.hot_spots import hot_spots
@@ -35,14 +35,15 @@ STEPS = (1.0, 0.5, 0.25)
 """Fractions of the default clearance that are tried in turn on small parts."""
 
 
-def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
+def clearance_of(structure: Structure, excluded: np.ndarray) -> tuple[Clearance | None, np.ndarray]:
     """Clearance in force (None if disabled), and which gauges (gauges,) violate it.
 
-    It applies to strain gauges on the mesh that are not bonded yet. The default is halved twice, then dropped, until it leaves
-    `CHOICE` places at the minimum spacing of screening. Raises InfeasibleError if a configured clearance leaves no place."""
+    It applies to strain gauges on the mesh that are not bonded yet and not excluded (gauges,) for another reason. The default is
+    halved twice, then dropped, until it leaves `CHOICE` places at the minimum spacing of screening. Raises InfeasibleError if a
+    configured clearance leaves no place."""
     config, mesh, pool, setting = structure.config, structure.mesh, structure.pool, structure.config.gauges.clearance
     first, blocked = pool.first, np.zeros(pool.gauges, dtype=bool)
-    free = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first])
+    free = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first] & ~excluded)
     if setting == "none" or structure.training.strain_operator is not None or not len(free):
         return None, blocked
     facets, part = structure.skin.facets, pool.take(first[free])
@@ -55,7 +56,7 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
     lying: dict[str, np.ndarray] = {}
     if kind is not None and kind.bend_radius > 0:
         bends = tight(mesh.position, facets, kind.bend_radius)
-        around["bends"], lying["bends"] = sides(mesh.position, facets, bends), _lies_on(part, facets, bends)
+        around["bends"], lying["bends"] = sides(mesh.position, facets, bends), lies_on(part, facets, bends)
 
     def nearer(distance: float) -> dict[str, np.ndarray]:
         """Which gauges are too near to each obstacle, a bridge with any of its arms."""
@@ -98,7 +99,7 @@ def bent_gauges(structure: Structure) -> np.ndarray:
     if kind is None or kind.bend_radius == 0 or structure.training.strain_operator is not None or not len(straining):
         return bent
     facets, part = structure.skin.facets, pool.take(pool.first[straining])
-    bent[straining] = _lies_on(part, facets, tight(mesh.position, facets, kind.bend_radius))
+    bent[straining] = lies_on(part, facets, tight(mesh.position, facets, kind.bend_radius))
     free = straining[~pool.bonded[pool.first[straining]]]
     if len(free) and bent[free].all():
         raise InfeasibleError(
@@ -124,7 +125,7 @@ def bent_warning(structure: Structure, bent: np.ndarray) -> str:
     )
 
 
-def _lies_on(part: Candidates, facets: Facets, chosen: np.ndarray) -> np.ndarray:
+def lies_on(part: Candidates, facets: Facets, chosen: np.ndarray) -> np.ndarray:
     """Which gauges (gauges,) lie on the chosen facets (f,), a bridge with any of its arms."""
     grids = part.grids
     return part.any_grid(np.isin(facet_key(grids.element, grids.facet), facets.key[chosen]))
@@ -134,10 +135,10 @@ OBSTACLE_NAMES = {"faces": "face of gauges.exclude", "bends": "surface with a ra
 """Obstacles in the singular; others without their s."""
 
 
-def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndarray:
+def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets, pressures: bool = True) -> np.ndarray:
     """Indices (l,) of surface nodes on which loads of the config act, for a nodal moment those that carry its couple.
 
-    Loads that also act inside the body, as weight, and loads distributed over shells are omitted."""
+    Loads that also act inside the body, as weight, loads distributed over shells, and optionally pressures are omitted."""
     outside, solid = (np.zeros(len(mesh.position), dtype=bool) for _ in range(2))
     outside[facets.nodes[facets.nodes >= 0]] = True
     for block in mesh.blocks:
@@ -145,6 +146,8 @@ def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndar
     loaded = np.zeros(len(mesh.position), dtype=bool)
     for load in config.loads.values():
         acted_on = np.zeros(len(mesh.position), dtype=bool)
+        if load.pressure and not pressures:
+            continue
         if load.deck_load is not None:
             forces = mesh.loads[load.deck_load]
             turned = False if forces.moment is None else forces.moment.any(axis=1)
@@ -191,8 +194,6 @@ def clearance_warning(clearance: Clearance) -> str:
 IN_PLACE, OVER_GRID = 0.05, 0.2
 """Allowed change of a reading by one σ of position, and of strain over the grid length. On smooth parts 2 mm change 1 to 1.5 %;
 a linear gradient over the grid causes no error."""
-HAND = 0.06
-"""Free height [m] needed for bonding by hand with pad and clamp."""
 STEP = 0.001
 """σ [m] for strain slopes if the position has no tolerance."""
 

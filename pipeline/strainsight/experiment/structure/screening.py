@@ -10,6 +10,7 @@ from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.structure.clearance import bent_gauges, clearance_of
+from strainsight.experiment.structure.exclusions import excluded_gauges
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.structure import Structure
@@ -82,14 +83,15 @@ STEP = 1e-4
 
 
 def screened_of(structure: Structure) -> Screened:
-    """Apply the clearance, set the noise, drop overloaded channels, take the best for each unknown in every load case, and thin
-    clusters."""
+    """Exclude unsuitable places, apply the clearance, set the noise, drop overloaded channels, take the best for each unknown in
+    every load case, and thin clusters."""
     config, training, pool = structure.config, structure.training, structure.pool
     rms = training.rms
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
     bent = bent_gauges(structure) & ~pool.bonded[pool.first]
-    clearance, near = clearance_of(structure)
-    near |= bent
+    excluded = excluded_gauges(structure)
+    clearance, near = clearance_of(structure, excluded != "")
+    near |= bent | (excluded != "")
     clear = ~near[pool.gauge]
     best = {}
     for i, (key, family) in enumerate(families(config).items()):
@@ -114,7 +116,7 @@ def screened_of(structure: Structure) -> Screened:
     return Screened(
         kept=result.kept,
         snr=result.snr,
-        reason=np.where(bent, BEND, np.asarray(result.reason, dtype=np.str_)),
+        reason=np.where(excluded != "", excluded, np.where(bent, BEND, np.asarray(result.reason, dtype=np.str_))),
         clearance=clearance,
         noise_std=noise_std,
         installation=v,

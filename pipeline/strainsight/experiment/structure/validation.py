@@ -66,7 +66,7 @@ from strainsight.records.training import Screened
 from strainsight.records.validated import Consistency, Field, RandomSetErrors, SimulatedChannels, Validated
 from strainsight.runner.output import Output, Scalar, Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
-from strainsight.sensors.screening import CLEARANCE
+from strainsight.sensors.screening import UNSUITABLE
 from strainsight.text import csv_bytes, number
 
 SETTLED = 0.01
@@ -128,7 +128,7 @@ def validation_of(
     record = GridRecord(model, np.zeros(model.size), *samples, none_considered(model), settled=trial.settled)
     watch = _watched(using, "studies of noise levels, repeated runs and random layouts", 0.4, 0.8)
     studies, lost = studies_of(
-        trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch
+        trial, settings, screened.kept, np.flatnonzero(~np.isin(screened.reason, UNSUITABLE)), seed, watch
     )
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
     budget, without = budget_of(problem, tolerances, record, trial.chosen, run, smoothed)

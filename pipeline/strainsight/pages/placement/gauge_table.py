@@ -20,7 +20,7 @@ SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
 
 EDGES = (
     "Nearest edges: edges of the face on which the gauge is. First line: nearest edge. Second line: nearest edge transverse "
-    "to the first one. Angles are positive counter-clockwise, as seen from outside."
+    "to the first one. Angles are positive counter-clockwise about the outward normal."
 )
 BONDED = (
     "Installation: values that violate an installation limit. Possible values: relative change of strain over one standard "

@@ -18,6 +18,10 @@ WINDOW = (42.0, 33.0)
 """Half width and height of the detail [mm]."""
 NEAR = 2.0
 """Distance in carrier lengths up to which the detail shows the nearest edge."""
+OUTSIDE, THROUGH = (
+    "View from outside, along the normal",
+    "View along the normal, through the part in front of the gauge",
+)
 
 
 def sheet_svg(sheet: views.Sheet) -> str:
@@ -37,7 +41,7 @@ def sheet_svg(sheet: views.Sheet) -> str:
 
 
 def _views(paper: views.Paper, sheet: views.Sheet) -> str:
-    """Draw the part from outside and, below, from the side; return their scale as text."""
+    """Draw the part against the normal of the gauge and, below, from the side; return their scale as text."""
     shown = _near_datum(sheet)
     boxes = [_extent(view, sheet, shown) for view in (sheet.front, sheet.side)]
     (low, high), (low2, high2) = boxes
@@ -49,7 +53,7 @@ def _views(paper: views.Paper, sheet: views.Sheet) -> str:
     top = EDGE + ABOVE + 0.5 * (room[1] - scale * height)
     top2 = top + scale * (high - low)[1] + BETWEEN
     for view, (near, far), y, caption in (
-        (sheet.front, boxes[0], top, "View from outside, along the normal"),
+        (sheet.front, boxes[0], top, OUTSIDE if sheet.outside else THROUGH),
         (sheet.side, boxes[1], top2, "Side view, surface normal upward"),
     ):
         placed = views.PlacedView(view, np.array([low[0], far[1]]), (left, y), scale)
@@ -75,7 +79,7 @@ def _detail(paper: views.Paper, sheet: views.Sheet) -> str:
         reach = max(reach, 1.3 * float(sheet.distance[0]))
     ratio = round_factor(WINDOW[1] / reach / _millimetres(sheet))
     centre = ((COLUMN + views.WIDTH - EDGE) / 2, EDGE + 8 + WINDOW[1])
-    paper.text((COLUMN + 3, EDGE + 4), f"Gauge viewed from outside, {_ratio_text(ratio)}", size=3.0)
+    paper.text((COLUMN + 3, EDGE + 4), f"Gauge viewed {sheet.viewed}, {_ratio_text(ratio)}", size=3.0)
     views.detail(paper, sheet, centre, WINDOW, ratio * _millimetres(sheet))
     return _ratio_text(ratio)
 
@@ -111,7 +115,7 @@ def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> N
     paper.text((COLUMN + 3, top + 6), sheet.name, size=6.0, bold=True)
     paper.text((right - 3, top + 6), sheet.kind, size=3.4, anchor="end")
     lines = (
-        f"lengths in {sheet.frame.unit}; angles counter-clockwise, viewed from outside",
+        f"lengths in {sheet.frame.unit}; angles counter-clockwise, viewed {sheet.viewed}",
         f"{scales} (printed at 100 % on A4)",
         f"mesh file {short(sheet.deck, 32)}",
         f"run {short(sheet.run, 32)}, layout {sheet.layout}",

@@ -194,7 +194,8 @@ class Sheet:
     position, normal (3,); directions (c, 3) of the grids; strain: whether it is a bonded strain sensor; grid [unit], 0: unknown;
     grid_width [unit], 0: unknown; carrier: length and width of the foil [unit]; carrier_of: gauge type or "assumed";
     distance (2,), angle (2,) [deg], foot (2, 3), along (2, 3) of the edges, NaN without an edge; element, facet: 0 without one;
-    front: view along the normal from outside; side: transverse view with the normal upward."""
+    outside: whether no part lies in front of the gauge; front: view against the normal; side: transverse view with the normal
+    upward."""
 
     name: str
     kind: str
@@ -216,8 +217,14 @@ class Sheet:
     along: FloatArray
     element: int
     facet: int
+    outside: bool
     front: Projection
     side: Projection
+
+    @property
+    def viewed(self) -> str:
+        """How one looks at the gauge."""
+        return "from outside" if self.outside else "against the normal"
 
 
 def paper_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
