@@ -223,7 +223,7 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
         if verbose:
             show_results([page], [page.header.stage])
             render.print_tables([timing_table([work.run for work in works[:-1]], computed, page)])
-        print_summary([page], works[-1].job.folder, peak_memory(jobs), rows=0)
+        print_summary([page], works[-1].job.folder, peak_memory(jobs))
     if code := exit_code([artefact for run in computed for artefact in run]):
         raise typer.Exit(code)
 

@@ -156,7 +156,7 @@ def _tables(campaign: Campaign) -> tuple[Table, ...]:
         each = [hold_out_table(left_out_each, campaign.channel_units, "gauge")] if left_out_each else []
         for table in (*each, channel_table(record.estimated, campaign.channel_units)):
             tables.append(table if only else replace(table, title=f"{table.title}: {of}"))
-        notes += [(of, note) for note in filter(None, (*record.estimated.notes, record.innovations_in_words))]
+        notes += [(of, note) for note in filter(None, (record.innovations_in_words, *record.estimated.notes))]
     texts = [text for _, text in notes]
     rows = [("all" if texts.count(text) == len(campaign.records) else of, text) for of, text in notes]
     by_record = (Table("measurements", ("record", ""), tuple(dict.fromkeys(rows)), answer=True),)
