@@ -40,7 +40,7 @@ def print_summary(artefacts: Sequence[Artefact], folder: Path, *more: str) -> No
 
 def shortened(tables: Sequence[Table], room: int, printed: int, command: str) -> list[list[str]]:
     """Lines of the tables, less than `room`: rows are omitted from the end of the last table, then from the one before, down to
-    one row, and a line says how many and which `command` prints them. Of the sentences more are omitted, so that the lines
+    one row, and a line has their number and the `command` that prints them. Of the sentences more are omitted, so that the lines
     `printed` before have room, too."""
     count = [min(len(table.rows), room) for table in tables]
     lines = [_first_rows(*each, command) for each in zip(tables, count, strict=True)]
