@@ -191,7 +191,7 @@ PLACE = Stage(
 
 ESTIMATE = Stage(
     "estimate",
-    version=44,
+    version=45,
     reads=(
         "seed",
         "mesh.point_masses",

@@ -26,6 +26,7 @@ from strainsight.pages.page.markup import (
 from strainsight.pages.page.problems import faults, no_benefit, problem_text, why
 from strainsight.pages.page.sections import section
 from strainsight.pages.placement.data import ObservabilityCase, Unknown
+from strainsight.pages.placement.gauge_table import expected_share
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.text import listed
 
@@ -296,7 +297,8 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
     names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
     text = f"<strong>not estimated</strong> (run ends after stage {escape(run.reached)}){': ' * bool(run.note)}{escape(run.note)}"
     known = [unknown for unknown in run.unknowns if unknown.expected_std is not None]
-    if expected := ", ".join(f"{escape(unknown.name)} ± {share(unknown.expected_std)}" for unknown in known):
+    sigma = (f"{escape(one.name)} ± {expected_share(one.expected_std, one.reference, one.unit)}" for one in known)
+    if expected := ", ".join(sigma):
         text += f"<br>expected σ: {expected}"
     return block(heading, [[cell(names), f'<td class="v" colspan="{len(MEASURED)}">{text}</td>']], once)
 
