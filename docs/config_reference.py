@@ -38,7 +38,8 @@ def pages() -> dict[str, str]:
             lines += ["", "| section | | |", "|---|---|---|"]
         for key in sections:
             field = definitions[model]["properties"][key]
-            needed = "required" if key in definitions[model].get("required", []) else "may be left out"
+            later = f"required from stage `{field['required_from']}`" if "required_from" in field else "may be left out"
+            needed = "required" if key in definitions[model].get("required", []) else later
             lines.append(f"| [`{key}`]({kind}-{key}.md) | {needed} | {cell(meaning(field, definitions))} |")
             found[f"{kind}-{key}"] = section_page(kind, key, field, definitions)
         lines += ["", "```{toctree}", ":hidden:", *(f"{kind}-{key}" for key in sections), "```"] if sections else []

@@ -46,7 +46,7 @@ def check_modes(
         from strainsight.records.mesh import mesh_from
         from strainsight.runner.output import Table
 
-        work = pipelines.work_of_one(config, results, overrides, "import")
+        work = pipelines.work_of_one(config, results, overrides, "modes")
         model = work.job.model
         if not isinstance(model, PlacementConfig):
             raise ConfigError(

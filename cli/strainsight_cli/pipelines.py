@@ -41,8 +41,9 @@ def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
     if config["kind"] == "placement":
         from strainsight.stages.placement import stages_for
 
-        estimate = config.get("estimate") or {}
-        return stages_for(bool(estimate.get("file") or estimate.get("records")), config["validate"]["truth"]["model"])
+        estimate, validation = config.get("estimate") or {}, config["validate"]
+        truth = validation["truth"]["model"] if validation else ""
+        return stages_for(bool(estimate.get("file") or estimate.get("records")), truth or "perturbed")
     from strainsight.stages.bench.pipeline import BEARING_ALONE, bench_stages
 
     return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(config)
@@ -54,11 +55,13 @@ LAST_TEST = ("file", "allow_unobservable")
 """Keys of `estimate` that the options of the command `estimate` set; other commands read them from its results."""
 
 
-def with_last_test(path: Path, overrides: Iterable[str | Override] | None, results: Path) -> LoadedConfig:
+def with_last_test(
+    path: Path, overrides: Iterable[str | Override] | None, results: Path, stage: str | None = None
+) -> LoadedConfig:
     """The config, completed with the last estimated measurement file if its section `estimate` names none.
 
     The file name is read from estimate.h5; if the file is missing, a note is printed and the estimate is omitted."""
-    loaded = loaded_config(path, overrides)
+    loaded = loaded_config(path, overrides, stage)
     section = loaded.data.get("estimate") if loaded.data["kind"] == "placement" else None
     artefact = results / str(loaded.data["name"]) / "estimate.h5"
     if not section or section.get("file") or section.get("records") or not artefact.is_file():
@@ -85,11 +88,11 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
     return loaded_config(path, [*(overrides or ()), *last_test])
 
 
-def loaded_config(path: Path, overrides: Iterable[str | Override] | None) -> LoadedConfig:
-    """Check the config before anything else is loaded."""
+def loaded_config(path: Path, overrides: Iterable[str | Override] | None, stage: str | None = None) -> LoadedConfig:
+    """Check the config, up to the sections that a stage needs, before anything else is loaded."""
     from strainsight.config.load import load_config
 
-    return load_config(path, overrides or ())
+    return load_config(path, overrides or (), stage)
 
 
 def work_of(config: LoadedConfig, results: Path) -> Work:
@@ -108,7 +111,7 @@ def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] |
     if kind_of(path) == "suite":
         other = f"use strainsight {stage} with the config of one of its runs, or: strainsight run {path}"
         raise UserError(f"a suite has no stage '{stage}'", where=str(path), remedy=other)
-    loaded = with_last_test(path, overrides, results) if stage in PAGES else loaded_config(path, overrides)
+    loaded = with_last_test(path, overrides, results) if stage in PAGES else loaded_config(path, overrides, stage)
     work = work_of(loaded, results)
     if loaded.data["kind"] == "bench":
         from strainsight.stages.bench.pipeline import demanded

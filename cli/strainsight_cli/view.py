@@ -50,7 +50,7 @@ def view(
 ) -> None:
     with reported(verbose):
         _refuse_name(screenshot)
-        loaded = pipelines.with_last_test(config, overrides, results)
+        loaded = pipelines.with_last_test(config, overrides, results, "import" if what == "mesh" else None)
         model = viewable(loaded, config)
         stages = pipelines.stages_of(loaded.data)
         from strainsight.stages.view.views import view_of
@@ -106,7 +106,8 @@ def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...], comman
     from strainsight.runner.plan import UP_TO_DATE, plan
 
     work = pipelines.work_of(loaded, results)
-    statuses = [status for status in plan(work.stages, work.job) if status.stage in ("import", *read)]
+    shown = [i for i, stage in enumerate(work.stages) if stage.name in ("import", *read)]
+    statuses = [status for status in plan(work.stages[: shown[-1] + 1], work.job) if status.stage in ("import", *read)]
     with run_log(work.job, command):
         show_warnings(work, statuses)
     stale = [status for status in statuses if status.stage in read and status.status != UP_TO_DATE]

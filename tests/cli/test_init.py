@@ -52,7 +52,7 @@ def test_missing_answers_are_blank_and_listed(init):
     code, said = init()
     assert code == 0
     assert "fill in the blank lines" in said
-    assert {*blanks()} == {"loads.force.signal.frequency", "loads.force.signal.amplitude"}
+    assert {*blanks()} == {f"loads.force.{key}" for key in ("set", "direction", "signal.frequency", "signal.amplitude")}
     assert init("--amplitude", "10", "--frequency", "5")[0] == 0
     assert blanks() == ["loads.force", "loads.force.direction"]
 
@@ -125,6 +125,8 @@ def test_a_deck_of_solids_alone_leaves_material_and_support_blank(init):
         "parameters.E.guess",
         "parameters.E.range",
         "validate.truth.parameters.E",
+        "mesh.faces.held.near",
+        "loads.force.set",
     ]
 
 
@@ -136,7 +138,7 @@ def test_questions_fill_in_what_options_leave_open(init):
     load = load_config("own.yaml").model.loads["force"]
     assert (load.node, load.direction, load.signal.frequency) == (900001, (0, 0, -1), 20)
     assert init("-i", answers="\n\n\n\nn\n")[0] == 0
-    assert {*blanks()} == {"loads.force.signal.frequency", "loads.force.signal.amplitude"}
+    assert {*blanks()} == {f"loads.force.{key}" for key in ("set", "direction", "signal.frequency", "signal.amplitude")}
 
 
 def test_gravity_and_rotation_loads_of_deck_are_offered(init):

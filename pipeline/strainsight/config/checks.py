@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 from strainsight.config.base import Problem, duplicate_name_problems, known, one_of, section_problems, step_problems
-from strainsight.config.checks_model import gauge_problems, model_problems
+from strainsight.config.checks_model import gauge_problems, load_problems, model_problems
 from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
 from strainsight.config.loads import (
@@ -17,7 +18,7 @@ from strainsight.config.loads import (
     SweepSection,
     load_case_problems,
 )
-from strainsight.config.placement import PlacementConfig
+from strainsight.config.placement import PlacementConfig, later_sections, sections_from_stage
 from strainsight.errors import at_most
 
 FEWEST_STEPS = 10
@@ -28,23 +29,35 @@ LARGEST_START = 10.0
 
 
 def problems(config: PlacementConfig) -> Iterator[Problem]:
-    """Yield every inconsistency between the fields of a config."""
+    """Yield every inconsistency between the sections that a config has."""
     yield from section_problems(config)
-    yield from model_problems(config)
-    yield from gauge_problems(config)
-    signals = {name: load.signal for name, load in config.loads.items()}
-    yield from _time("train", config.train.duration, config.train.time_step, signals)
-    yield from _time("validate", config.validation.duration, config.validation.time_step, signals)
+    fields = type(config).model_fields
+    present = {fields[name].alias or name for name in config.model_fields_set}
+    for check, sections in CHECKS.items():
+        if {*sections.split()} <= present:
+            yield from check(config)
+
+
+def absent_problems(data: Mapping[str, Any], stage: str | None) -> Iterator[Problem]:
+    """Yield a problem for every absent section that a stage or one before it needs; None: any stage."""
+    later = later_sections(stage)
+    for section, (first, example) in sections_from_stage().items():
+        if section not in data and section not in later:
+            what = f"the section is missing; the stage `{first}` needs it"
+            yield Problem(section, what, f"add it, for example {section}: {example}", at_key=True)
+
+
+def _training_time(config: PlacementConfig) -> Iterator[Problem]:
+    yield from _time("train", config.train.duration, config.train.time_step, _signals(config))
+
+
+def _validation_time(config: PlacementConfig) -> Iterator[Problem]:
+    yield from _time("validate", config.validation.duration, config.validation.time_step, _signals(config))
     yield from _settle("train", config.train.settle, min(config.train.time_step, config.validation.time_step))
-    yield from _load_cases(config)
-    yield from _estimate(config)
-    yield from _optimum(config)
-    yield from _input_models(config)
-    yield from _fast(config)
-    yield from _filter(config)
-    yield from _drifting(config)
-    yield from _validation(config)
-    yield from _measurements(config)
+
+
+def _signals(config: PlacementConfig) -> dict[str, LoadSignal]:
+    return {name: load.signal for name, load in config.loads.items()}
 
 
 def _time(section: str, duration: float, step: float, signals: Mapping[str, LoadSignal]) -> Iterator[Problem]:
@@ -291,3 +304,22 @@ def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
     if settings.field is not None:
         what = "strain of the surface over time is available for one record only"
         yield Problem("estimate.field", what, f"remove estimate.field, {one}")
+
+
+CHECKS: dict[Callable[[PlacementConfig], Iterator[Problem]], str] = {
+    model_problems: "",
+    load_problems: "loads damping train place",
+    gauge_problems: "gauges place",
+    _training_time: "loads train",
+    _validation_time: "loads train validate",
+    _load_cases: "loads train place",
+    _estimate: "loads place",
+    _optimum: "gauges place",
+    _input_models: "loads",
+    _fast: "loads train",
+    _filter: "",
+    _drifting: "train validate",
+    _validation: "loads place validate",
+    _measurements: "loads place",
+}
+"""Check → sections without which it is omitted."""

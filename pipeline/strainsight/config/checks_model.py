@@ -139,15 +139,19 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Yield the inconsistencies between the fields that define the model."""
     yield from _names(config)
     yield from _free(config)
-    yield from _static(config)
-    yield from damping_problems(config)
     yield from _places(config)
     yield from matrix_problems(config)
-    yield from result_problems(config)
     for name, parameter in config.parameters.items():
         if isinstance(parameter.guess, GuessFrom) and parameter.guess.source == config.name:
             what = "a run cannot use its own estimate as guess"
             yield Problem(f"parameters.{name}.guess.from", what, "set `from` to another run, or `guess` to a number")
+
+
+def load_problems(config: PlacementConfig) -> Iterator[Problem]:
+    """Yield the inconsistencies between the model, its loads, its damping and the training simulation."""
+    yield from _static(config)
+    yield from damping_problems(config)
+    yield from result_problems(config)
 
 
 def _static(config: PlacementConfig) -> Iterator[Problem]:

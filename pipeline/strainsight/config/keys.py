@@ -142,7 +142,7 @@ TYPES = {
 }
 YES, NO = {"yes", "y", "on"}, {"no", "n", "off"}
 """Words that YAML 1.1 read as true and false."""
-UNKNOWN, MISSING = "unknown key", "missing"
+UNKNOWN, MISSING, NO_VALUE = "unknown key", "missing", "no value"
 NAME_FORM = "use letters, digits, - and _ only, with a letter first"
 BOUNDS = {
     "greater_than": ("gt", "above"),
@@ -221,7 +221,7 @@ def _problem(
             what, _, remedy = first["msg"].removeprefix("Value error, ").partition("; ")
             return Problem(key, what, remedy or _description(model, path, data))
     if first["input"] is None and first["type"] != "missing":
-        return Problem(key, "no value", _description(model, path, data), at_key=True)
+        return Problem(key, NO_VALUE, _description(model, path, data), at_key=True)
     problem = _wrong_value(key, entries)
     return problem if problem.remedy else replace(problem, remedy=_description(model, path, data))
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from strainsight.config.base import Problem, shown_key
-from strainsight.config.keys import Override, explain_suite_key, explained, parsed, problems_of, put
+from strainsight.config.keys import NO_VALUE, Override, explain_suite_key, explained, parsed, problems_of, put
 from strainsight.config.yaml_text import LARGEST, Document, YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean
 
@@ -62,21 +62,22 @@ class LoadedConfig:
 
     @property
     def data(self) -> dict[str, Any]:
-        """The config as JSON data, with defaults, and paths as written."""
-        return self.model.model_dump(mode="json", by_alias=True)
+        """The config as JSON data, with defaults, and paths as written; absent sections are None."""
+        return self.model.model_dump(mode="json", by_alias=True, warnings=False)
 
     def locate(self, key: str) -> str:
         """Location "file:line:column" of a key or of its nearest existing parent; "--set KEY" for an override."""
         return _locate(self._places, key)
 
 
-def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> LoadedConfig:
-    """Read and check a config file with overrides; a text override is "KEY=VALUE", as after --set.
+def load_config(path: Path | str, overrides: Iterable[str | Override] = (), stage: str | None = None) -> LoadedConfig:
+    """Read and check a config file with overrides; a text override is "KEY=VALUE", as after --set. stage: last stage to run, for
+    a placement without the sections of later stages; None: the last of all.
 
     Raises ConfigError with every problem: file:line:column, key and remedy."""
     path = Path(path)
     put_over = tuple(parsed(text) if isinstance(text, str) else text for text in overrides)
-    data, places, key_places = _read(path)
+    data, places, key_places, blank = _read(path)
     created: list[str] = []
     for override in put_over:
         sections, key = put(data, override), override.key
@@ -86,8 +87,20 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
         for new in (*sections, key):
             places[new] = key_places[new] = override.where
     _rename(data, places, key_places)
-    model, wrong = _validated(data)
+    model, wrong = _validated(data, stage)
+    while model is None and (unfinished := _unfinished(data, wrong, blank, stage)):
+        for section in unfinished:
+            del data[section]
+            warnings.warn(
+                f"{_locate(key_places, section)}  {section}: the section has blank lines; `{stage}` does not need it.",
+                UserWarning,
+            )
+        blank = [key for key in blank if key.split(".")[0] in data]
+        model, wrong = _validated(data, stage)
     if model is None:
+        reported = {problem.key for problem in wrong} | {override.key for override in put_over}
+        for key in [key for key in blank if not {key, key.rpartition(".")[0]} & reported]:
+            wrong.append(Problem(key, NO_VALUE, "fill in this line, or remove it", at_key=True))
         if data.get("kind") == "suite":
             wrong = [explain_suite_key(problem, put_over) for problem in wrong]
         elif isinstance(data.get("kind"), str) and data["kind"] in KINDS:
@@ -164,7 +177,19 @@ def kind_of(path: Path | str) -> Any:
     return _read(Path(path))[0].get("kind")
 
 
-def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
+def _unfinished(
+    data: Mapping[str, Any], wrong: Sequence[Problem], blank: Iterable[str], stage: str | None
+) -> list[str]:
+    """Sections of a placement with a problem and a blank line that neither the stage nor one before it needs."""
+    if data.get("kind") != "placement":
+        return []
+    from strainsight.config.placement import later_sections
+
+    faulty, open_ = ({key.split(".")[0] for key in keys} for keys in ((problem.key for problem in wrong), blank))
+    return sorted(later_sections(stage) & faulty & open_)
+
+
+def _validated(data: dict[str, Any], stage: str | None) -> tuple[Config | None, list[Problem]]:
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         known = ", ".join(KINDS)
@@ -186,11 +211,15 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
     except ValidationError as error:
         return None, problems_of(error, kind_model, data)
     wrong = list(check(model))
+    if kind == "placement":
+        from strainsight.config.checks import absent_problems
+
+        wrong = [*absent_problems(data, stage), *wrong]
     return (None, wrong) if wrong else (model, [])
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
-    """Data, and the location of every value and of every key."""
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str], list[str]]:
+    """Data, the location of every value and of every key, and the keys without a value."""
     if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for
         remedy = "save the config in a file, and specify the path of this file"
         raise ConfigError("the config is not a regular file", where=str(path), remedy=remedy)
@@ -227,7 +256,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
             where=f"{path}:1:1",
             remedy="create a config with `strainsight init DECK`",
         )
-    return document.data, *_places(path, document)
+    return document.data, *_places(path, document), [key for key, mark in document.marks.items() if mark.blank]
 
 
 def _places(path: Path, document: Document) -> tuple[dict[str, str], dict[str, str]]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Annotated, Literal
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
@@ -32,7 +32,7 @@ from strainsight.config.base import (
     with_defaults,
 )
 from strainsight.config.estimate import Estimate
-from strainsight.config.gauges import Gauges, MotionSensors
+from strainsight.config.gauges import Gauges, MotionSensors, RelativeNoise
 from strainsight.config.layout import LayoutSettings
 from strainsight.config.loads import LoadSection, Settle, TrainingCase
 from strainsight.config.mesh import MeshFile
@@ -148,12 +148,14 @@ class RayleighDamping(Section):
     )
 
 
+Damping = Annotated[ModalDamping | RayleighDamping, Field(discriminator="type")]
+DAMPING_TEXT = "Damping of the structure: modal damping or Rayleigh damping."
+
+
 class Damped(Section):
     """Damping of the structure."""
 
-    damping: Annotated[ModalDamping | RayleighDamping, Field(discriminator="type")] = Field(
-        description="Damping of the structure: modal damping or Rayleigh damping."
-    )
+    damping: Damping = Field(description=DAMPING_TEXT)
 
 
 class ReducedModelSection(Section):
@@ -383,13 +385,38 @@ class Report(Section):
     )
 
 
-class PlacementConfig(NamedRun, Damped):
+STAGES = (
+    *("import", "modes", "rom", "train", "screen", "observe", "place"),
+    *("spectrum", "validate", "estimate", "test", "report"),
+)
+"""Stages of a placement; each needs the sections of those before it."""
+
+
+def from_stage(
+    stage: str, example: str, description: str, absent: Callable[[], object] = lambda: None, alias: str | None = None
+) -> Any:
+    """A section that is required from a stage on; absent: its value in a config without it."""
+    extra: dict[str, Any] = {"required_from": stage, "example": example}
+    return Field(default_factory=absent, alias=alias, description=description, json_schema_extra=extra)
+
+
+ANY_SURFACE = Gauges.model_validate({"noise_std": RelativeNoise(relative_to_strongest=0.01)})
+"""Candidates of a config without `gauges`, for the import: the whole surface."""
+
+
+class PlacementConfig(NamedRun):
     """From a finite-element mesh to a strain-gauge layout with an optimality bound. SI units unless stated otherwise."""
 
     kind: Literal["placement"] = Field(description="Kind of config: placement of sensors on a structure.")
     mesh: MeshFile = Field(description="The finite-element model.")
     parameters: dict[Name, MaterialParameter] = Field({}, description="Free parameters of the model, by name.")
-    loads: Annotated[dict[Name, LoadSection], Field(min_length=1)] = Field(description="Loads, by name.")
+    loads: Annotated[dict[Name, LoadSection], Field(min_length=1)] = from_stage(
+        "rom",
+        "{force: {node: 2, direction: [0, 0, 1], known: false, signal: {type: sine, frequency: 1.0, amplitude: 1000.0}}}",
+        "Loads, by name.",
+        dict,
+    )
+    damping: Damping = from_stage("rom", "{type: modal, ratio: 0.01}", DAMPING_TEXT)
     solver: Literal["direct", "slepc"] = expert(
         "direct",
         description="Linear solver for the stiffness matrix, for modes and static responses. With `direct`: PARDISO in this "
@@ -398,10 +425,17 @@ class PlacementConfig(NamedRun, Damped):
         "path of the Python interpreter.",
     )
     rom: ReducedModelSection = with_defaults(ReducedModelSection, "Reduced model that depends on the parameters.")
-    train: Train = Field(
-        description="Training simulation: the simulated response to `loads`, for the selection of candidates and for `place`."
+    train: Train = from_stage(
+        "rom",
+        "{duration: 20.0, time_step: 0.01, model: static}",
+        "Training simulation: the simulated response to `loads`, for the selection of candidates and for `place`.",
     )
-    gauges: Gauges = Field(description="Candidate gauges, bonded gauges and their noise.")
+    gauges: Gauges = from_stage(
+        "train",
+        "{direction: {type: principal, angles: [0]}, noise_std: {value: 5.0e-7}}",
+        "Candidate gauges, bonded gauges and their noise.",
+        lambda: ANY_SURFACE,
+    )
     tolerances: StatedTolerances = with_defaults(
         Tolerances, "Tolerances of installation, loads and model; `none` for exact gauges, loads and model."
     )
@@ -413,8 +447,28 @@ class PlacementConfig(NamedRun, Damped):
     )
     process_noise: ProcessNoise = with_defaults(ProcessNoise, "Process noise of the filter.")
     observe: Cases = with_defaults(Cases, "Observability study of the unknowns.")
-    place: PlaceSection = Field(description="Gauge placement by backward elimination.")
+    place: PlaceSection = from_stage(
+        "train", "{estimate: [force], keep: 4}", "Gauge placement by backward elimination."
+    )
     filter: Filter = with_defaults(Filter, "Filter of validation and estimation.")
-    validation: Validate = Field(alias="validate", description="Validation of the filter with simulated measurements.")
+    validation: Validate = from_stage(
+        "spectrum",
+        "{duration: 20.0, time_step: 0.01, initial_std: {force: 1.0}}",
+        "Validation of the filter with simulated measurements.",
+        alias="validate",
+    )
     estimate: Estimate | None = Field(None, description="Estimation from the measurements of a test.")
     report: Report = with_defaults(Report, "Results page, and export files for the workshop and other programs.")
+
+
+def sections_from_stage() -> dict[str, tuple[str, str]]:
+    """Section → first stage that needs it, and an example."""
+    fields = {field.alias or name: field.json_schema_extra for name, field in PlacementConfig.model_fields.items()}
+    extras = {key: extra for key, extra in fields.items() if isinstance(extra, dict) and "required_from" in extra}
+    return {key: (str(extra["required_from"]), str(extra["example"])) for key, extra in extras.items()}
+
+
+def later_sections(stage: str | None) -> set[str]:
+    """Sections that only stages after this one need; none for the whole pipeline (None)."""
+    later = STAGES[STAGES.index(stage) + 1 :] if stage in STAGES else ()
+    return {key for key, (first, _) in sections_from_stage().items() if first in later}

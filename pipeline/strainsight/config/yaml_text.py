@@ -35,10 +35,11 @@ BOOLEANS = {"true": True, "True": True, "TRUE": True, "false": False, "False": F
 
 @dataclass(frozen=True)
 class Mark:
-    """Line and column, from 1, of a key (or list entry) and of its value."""
+    """Line and column, from 1, of a key (or list entry) and of its value; blank: nothing is written behind the key."""
 
     key: tuple[int, int]
     value: tuple[int, int]
+    blank: bool = False
 
 
 @dataclass(frozen=True)
@@ -121,9 +122,14 @@ def _mapping(node: Any, path: str, marks: dict[str, Mark]) -> dict[str, Any]:
                 below,
                 f"remove one of the two keys; the first key is at {first} (line:column)",
             )
-        marks[below] = Mark(_at(key_node), _at(value_node))
+        marks[below] = Mark(_at(key_node), _at(value_node), _blank(key_node, value_node))
         mapping[key] = _json(value_node, below, marks)
     return mapping
+
+
+def _blank(key: Any, value: Any) -> bool:
+    """Whether nothing is written behind the colon; {0,01} has a key 01 without a colon."""
+    return value.value == "" and not value.style and bool(value.start_mark.index > key.end_mark.index)
 
 
 def _text(node: Any, path: str) -> str:

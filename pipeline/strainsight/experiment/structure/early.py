@@ -40,7 +40,7 @@ def check_files(config: PlacementConfig, base: Path) -> None:
                     key=f"{key}.file",
                     remedy=f"Shift the record to begin at 0 s and set {duration} to at most {last:g} s, or use a longer record.",
                 )
-    if config.estimate is not None:
+    if config.estimate is not None and config.place is not None:
         _check_gauges(config, base)
         _check_records(config, base)
 
@@ -54,11 +54,12 @@ def _existing(key: str, file: str, base: Path) -> Path:
 
 def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, RecordedSection, dict[str, float]]]:
     """Key, load unit, signal and required durations (key → [s]) of every recorded signal."""
-    as_stated = {"train.duration": config.train.duration, "validate.duration": config.validation.duration}
+    sections = {"train.duration": config.train, "validate.duration": config.validation}
+    as_stated = {key: section.duration for key, section in sections.items() if section is not None}
     for name, load in config.loads.items():
         if isinstance(load.signal, RecordedSection):
             yield f"loads.{name}.signal", load.unit, load.signal, as_stated
-    for case, settings in (config.place.load_cases or {}).items():
+    for case, settings in ((config.place and config.place.load_cases) or {}).items():
         section = f"place.load_cases.{case}"
         of, duration = f"{section}.duration", settings.duration
         if duration is None:
