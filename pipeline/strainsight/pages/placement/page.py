@@ -48,11 +48,12 @@ from strainsight.pages.placement.gauge_table import (
 from strainsight.pages.sheets.sheet import sheets_section
 from strainsight.pages.space.model import ShownState
 from strainsight.pages.space.section import space_section
-from strainsight.text import listed, unbroken
+from strainsight.runner.output import Table
+from strainsight.text import capital, listed, unbroken
 
 INFLUENCE = (
-    "Static reading of each channel per unit of each load, with the parameters at their guess. The condition number is that of "
-    "the columns of the unknown loads, relative to noise; a large number means that the readings hardly separate these loads."
+    "The parameters have their guess. The condition number is that of the columns of the unknown loads, relative to noise; a "
+    "large number means that the readings hardly separate these loads."
 )
 
 
@@ -292,7 +293,7 @@ def placement_page(
         sections.advice_card(report.advice),
         sections.section("Load cases", load_cases_table(report), "load-cases"),
         sections.section("Gauges", gauge_table(report)),
-        sections.listing_section("Influence matrix", report.influence, range(1, 99), INFLUENCE),
+        _influence(report.influence),
         sheets_section(sheets),
         sections.budget_section(report.budget),
         _trend(report, drawings),
@@ -326,6 +327,13 @@ def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     text += folded(select_figures(drawings, "signal-"), heading=heading)
     truth = f"Truth: {unbroken(escape(report.truth_description))}." * bool(report.truth_description)
     return markup.titled("Estimates", truth) + text if text else ""
+
+
+def _influence(matrix: Table | None) -> str:
+    if matrix is None:
+        return ""
+    lead = f"{capital(matrix.title)}. {INFLUENCE}"
+    return sections.listing_section("Influence matrix", matrix, range(1, len(matrix.columns)), lead)
 
 
 def _noise(report: PlacementReport) -> list[str]:
