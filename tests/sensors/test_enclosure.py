@@ -7,12 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.decks.reader import read_mesh
 from strainsight.mesh.facets import CODE, Facets, exterior_facets
+from strainsight.mesh.thin_faces import with_faces
 from strainsight.sensors.access import on_bores
-from strainsight.sensors.enclosure import all_directions, ray_tree, sees_outside
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.enclosure import all_directions, ray_tree, sees_outside, unobstructed
 from strainsight.sensors.faces import faces_of
 from strainsight.sensors.surface import facet_centres
+from strainsight.sensors.surface_paths import skin_of
 
+from .. import parts
 from ..bodies import body, held
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -104,6 +109,25 @@ def test_a_void_in_a_solid_is_enclosed_and_its_outside_is_not():
     inside = np.all(np.abs(centre - 2.5) < 1, axis=1)
     assert np.count_nonzero(inside) == 6
     np.testing.assert_array_equal(sees_outside(tree, every, tree.centre, normal, all_directions()), ~inside)
+
+
+def test_no_ray_leaves_a_welded_box_through_its_walls(tmp_path, monkeypatch):
+    """Shells as large as thick: centres of facets at the edges lie exactly on the faces of the next wall."""
+    monkeypatch.setattr(parts, "CELL", parts.WALL)
+    (tmp_path / "frame.bdf").write_text(parts.frame(), encoding="ascii")
+    mesh = with_faces(read_mesh(tmp_path / "frame.bdf", "mm", "t"))
+    facets = exterior_facets(mesh)
+    centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
+    tree = ray_tree(mesh.position, facets)
+    sees = sees_outside(tree, np.arange(len(centre)), tree.centre, normal, all_directions(), 1e-6)
+    np.testing.assert_array_equal(sees, ~parts.in_box(centre, normal))
+
+
+def test_a_gauge_is_seen_along_its_normal_or_not():
+    mesh = body("hex8", (5, 5, 5), lambda *u: u, lambda *cell: cell != (2, 2, 2))
+    gauges = candidates(mesh, exterior_facets(mesh), (1, 0.1, 0.2))
+    outside = unobstructed(skin_of(mesh.position, exterior_facets(mesh)), gauges)
+    np.testing.assert_array_equal(outside, np.abs(gauges.position - 2.5).max(axis=1) > 1)
 
 
 def ring(part, radius, kind="hex20", cells=(24, 2, 3), depth=0.03):

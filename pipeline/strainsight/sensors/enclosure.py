@@ -141,7 +141,8 @@ def _sees_outside(  # type: ignore[no-untyped-def]
                     u = (sx * px + sy * py + sz * pz) / volume
                     v = (a * qx + b * qy + c * qz) / volume
                     t = (fx * qx + fy * qy + fz * qz) / volume
-                    if u >= -ON and v >= -ON and u + v <= 1.0 + ON and t > margin:
+                    # a ray that starts on a facet meets it if it enters there
+                    if u >= -ON and v >= -ON and u + v <= 1.0 + ON and t > (-margin if volume > 0.0 else margin):
                         meets = True
                         break
             if meets:

@@ -37,7 +37,7 @@ def sheet(position=(300.0, 20.0, 10.0), turn=TURN, **changed):
         "grid_width": 0.0, "carrier": (8.0, 4.5), "carrier_of": "assumed",
         "distance": np.array([20.0, 100.0]), "angle": np.array([turn, turn - 90.0]),
         "foot": np.array([[x[0], 0, 10], [400, x[1], 10]]), "along": np.array([[1.0, 0, 0], [0, 1.0, 0]]), "element": 7,
-        "facet": 2, "front": views[0], "side": views[1],
+        "facet": 2, "outside": True, "front": views[0], "side": views[1],
     }  # fmt: skip
     return Sheet(**(given | changed))
 
@@ -63,6 +63,9 @@ def test_it_stands_alone_on_a4_and_has_no_date():
     text = sheet_svg(sheet())
     assert not re.search(r"href|url\(|<script|<image|<style|20\d\d-", text)
     assert "lengths in mm; angles counter-clockwise, viewed from outside" in words
+    _, inside, _ = parts(sheet_svg(sheet(outside=False)))
+    assert not [text for text in inside if "from outside" in text]
+    assert "lengths in mm; angles counter-clockwise, viewed against the normal" in inside
     assert {"G1", "strain gauge", "mesh file plate.bdf", "run plate, layout 0123456789ab"} <= set(words)
 
 
