@@ -20,11 +20,10 @@ _rows = 0
 
 def say(*lines: str, error: bool = False) -> None:
     """Print each text on a separate line, flushed, with control characters and line breaks as escapes; error: on stderr."""
-    for line in lines:
-        shown = printable(line)
-        print(shown, file=sys.stderr if error else sys.stdout, flush=True)
-        global _rows
-        _rows += rows_of(shown)
+    global _rows
+    for line in map(printable, lines):
+        print(line, file=sys.stderr if error else sys.stdout, flush=True)
+        _rows += rows_of(line)
 
 
 def rows_of(line: str) -> int:

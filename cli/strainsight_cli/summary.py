@@ -56,4 +56,4 @@ def shortened(tables: Sequence[Table], room: int, printed: int, command: str) ->
 def _first_rows(table: Table, count: int, command: str) -> list[str]:
     lines = render.table_lines(replace(table, rows=table.rows[:count]))
     missing = len(table.rows) - count
-    return [*lines, *[f"… {missing} more: {command} {table.name.split(' ')[0]}"] * (missing > 0)]
+    return [*lines, *[f"… {missing} more: {command} {shlex.quote(table.name)}"] * (missing > 0)]

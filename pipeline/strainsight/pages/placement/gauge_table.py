@@ -103,10 +103,10 @@ def expected_with_all(report: PlacementReport, names: Sequence[str]) -> list[str
 
 
 def expected_share(std: float | None, reference: float, unit: str) -> str:
-    """Expected σ, relative and in the unit of the unknown."""
+    """Expected σ, relative and in the unit of the unknown, in two lines."""
     if std is None or not math.isfinite(std) or unit == "1":
         return share(std)
-    return f"{share(std)} ({measure(std * reference, unit, 3)})"
+    return f"{share(std)}<br>{measure(std * reference, unit, 3)}"
 
 
 def imported(gauges: tuple[Gauge, ...]) -> bool:
