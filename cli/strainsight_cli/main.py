@@ -30,7 +30,9 @@ from strainsight_cli.options import (
     computing,
 )
 from strainsight_cli.printing import missing, prepare_streams, say, unwritten
+from strainsight_cli.show import show
 from strainsight_cli.status import show_plan
+from strainsight_cli.summary import print_summary
 from strainsight_cli.view import figures, view
 from strainsight_cli.work import Work, bring_up_to_date, exit_code, refuse_warned, show_results
 
@@ -75,7 +77,7 @@ def run(config: ConfigFile, options: RunOptions) -> None:
         return
     work = replace(pipelines.work_of(loaded, options.results), where=options.where)
     names = [stage.name for stage in work.stages]
-    _bring_up_to_date(work, options, forced=names, tables=names)
+    _bring_up_to_date(work, options, forced=names, tables=names, summary=True)
 
 
 @app.command(help="Show which stages are up to date, and why the others are not.")
@@ -151,6 +153,7 @@ for _name, _what in pipelines.STAGES.items():
 app.command(
     "check-modes", help="Compare natural frequencies and mode shapes of another program with those of the deck."
 )(check_modes)
+app.command(help="Print a table of a finished run, or list its tables and files; nothing is computed.")(show)
 app.command("view", help="Show results of a run in a window, or save them as a picture.")(view)
 app.command("figures", help="Write the figures of the results page as SVG and PNG files, with their data as CSV.")(
     figures
@@ -239,17 +242,21 @@ def _one_stage(work: Work, name: str, options: RunOptions, then: str = "") -> No
     _bring_up_to_date(upto, options, forced=[name], tables=[name])
 
 
-def _bring_up_to_date(work: Work, options: RunOptions, forced: list[str], tables: list[str]) -> None:
+def _bring_up_to_date(
+    work: Work, options: RunOptions, forced: list[str], tables: list[str], summary: bool = False
+) -> None:
     """Run what is not up to date (with --force also the stages `forced`); print one line per stage, then the tables of the stages
-    named."""
+    named, or with `summary` the answers only (-v: tables and answers)."""
     forced = forced if options.force else []
     if options.dry_run:
         show_plan(work, forced, options.as_json, options.verbose)
         return
     with progress_bar(not options.as_json) as progress:
         artefacts = bring_up_to_date(work, forced, options.as_json, options.verbose, say, progress)
-    if not options.as_json:
+    if not options.as_json and (options.verbose or not summary):
         show_results(artefacts, tables)
+    if not options.as_json and summary:
+        print_summary(artefacts, work.job.folder)
     if code := exit_code(artefacts):
         raise typer.Exit(code)
 

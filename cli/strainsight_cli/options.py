@@ -32,7 +32,7 @@ Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override of a config key, as in --set place.keep=6."),
 ]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print why stages run, and the traceback of a failure.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print all tables, reasons to run, and tracebacks.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only; run.log contains the rest.")]
 LogLevel = Annotated[
     Literal["error", "warning", "info", "debug"] | None,

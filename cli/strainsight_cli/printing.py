@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import stat
 import sys
 from collections.abc import Iterator
@@ -14,11 +15,25 @@ from typing import IO, TYPE_CHECKING, Any
 
 from strainsight.errors import printable
 
+_rows = 0
+
 
 def say(*lines: str, error: bool = False) -> None:
     """Print each text on a separate line, flushed, with control characters and line breaks as escapes; error: on stderr."""
-    for line in lines:
-        print(printable(line), file=sys.stderr if error else sys.stdout, flush=True)
+    global _rows
+    for line in map(printable, lines):
+        print(line, file=sys.stderr if error else sys.stdout, flush=True)
+        _rows += rows_of(line)
+
+
+def rows_of(line: str) -> int:
+    """Rows that a line takes on the terminal, 1 in files and pipes."""
+    return 1 + max(len(line) - 1, 0) // shutil.get_terminal_size().columns if sys.stdout.isatty() else 1
+
+
+def printed_rows() -> int:
+    """Rows that `say` has printed in this process."""
+    return _rows
 
 
 def json_line(entry: Any) -> str:

@@ -83,20 +83,25 @@ def print_grid(
 
 def print_tables(tables: Sequence[Table]) -> None:
     """The tables of the stages, with aligned columns."""
-    if not tables:
-        return
+    for table in tables:
+        print("", *table_lines(table), sep="\n")
+
+
+def table_lines(table: Table) -> list[str]:
+    """Title and rows of a table, in lines of the width of the terminal or file."""
     from rich.console import Console
     from rich.table import Table as RichTable
     from rich.text import Text
 
     console = Console(width=None if sys.stdout.isatty() else WIDTH_OF_A_FILE, highlight=False)
-    for table in tables:
-        grid = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), title_justify="left")
-        for column in table.columns:
-            grid.add_column(Text(printable(column)))
-        for row in table.rows:
-            grid.add_row(*(Text(printable(cell)) for cell in row))
-        console.print()
+    header = any(table.columns)
+    grid = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=header, header_style="")
+    for column in table.columns:
+        grid.add_column(Text(printable(column)))
+    for row in table.rows:
+        grid.add_row(*(Text(printable(cell)) for cell in row))
+    with console.capture() as capture:
         if table.title:
             console.print(Text(printable(table.title)))
         console.print(grid)
+    return [line.rstrip() for line in capture.get().rstrip("\n").split("\n")]

@@ -25,6 +25,7 @@ from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import Failure, failure_of, plain_warnings, tell, warn
 from strainsight_cli.printing import say
 from strainsight_cli.status import print_statuses, sum_of
+from strainsight_cli.summary import print_summary
 from strainsight_cli.work import (
     Progress,
     Work,
@@ -219,9 +220,10 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
         computed = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
         (page,) = _one_run(works[-1], force, as_json, verbose, progress)
     if not as_json:
-        show_results([page], [page.header.stage])
-        render.print_tables([timing_table([work.run for work in works[:-1]], computed, page)])
-        say(peak_memory(jobs))
+        if verbose:
+            show_results([page], [page.header.stage])
+            render.print_tables([timing_table([work.run for work in works[:-1]], computed, page)])
+        print_summary([page], works[-1].job.folder, peak_memory(jobs))
     if code := exit_code([artefact for run in computed for artefact in run]):
         raise typer.Exit(code)
 

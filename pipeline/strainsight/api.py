@@ -317,8 +317,8 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
     """The layout, from elimination and exchanges, with an optimality bound and the predicted σ.
 
     `.gauges`: candidate numbers, by the effect of their removal, largest first; `.listed`: locations; `.expected.std`: σ of every
-    unknown relative to its scale; `.hot_spots`: as in `hot_spots`; `.at_gauges`: strain gradient and free height; `.advice`:
-    sentences. Raises InfeasibleError if no permitted layout can observe every unknown."""
+    unknown, relative to `.expected.reference`; `.hot_spots`: as in `hot_spots`; `.at_gauges`: strain gradient and free height;
+    `.advice`: sentences. Raises InfeasibleError if no permitted layout can observe every unknown."""
     from strainsight.experiment.structure.placement import placement_of
 
     return placement_of(case.config, mesh, reduced, training, screened, case)
@@ -329,8 +329,8 @@ def expect(
 ) -> Expectation:
     """Predicted σ of a filter with any gauges along the training simulation, under the configured loads.
 
-    `.std`: σ of every unknown relative to its scale; `.without`: the same without each gauge in turn; `.budget`: shares of the
-    variance by source."""
+    `.std`: σ of every unknown, relative to `.reference` (guess of a parameter, RMS of a load in training); `.absolute`: σ in SI;
+    `.without`: `.std` without each gauge in turn; `.budget`: shares of the variance by source."""
     from strainsight.experiment.structure.considered import tolerated
     from strainsight.experiment.structure.expectation import expectation
     from strainsight.experiment.structure.problem import problem_of

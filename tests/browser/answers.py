@@ -44,20 +44,21 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
         names = [name.decode() for name in place["elimination/unknowns"][()]]
         gauges = len(place["selected/final/gauge"])
         found: dict[tuple[str, ...], list[Any]] = {
-            ("sentence",): _sentence(validate, names, gauges, chosen["pool"], config["loads"]),
+            ("sentence",): _sentence(place, validate, names, gauges, chosen["pool"], config["loads"]),
             ("key",): [gauges, chosen["pool"]],
         }
         for name in names:
             truth = validate[f"truth/{name}"][()]
-            size = np.sqrt(np.mean(truth[int(np.ceil(0.1 * len(truth))) :] ** 2))
             scale = place[f"expected_std/{name}"].attrs["scale"]
-            expected = place[f"expected_std/{name}"][()] / size
+            absolute = place[f"expected_std/{name}"][()]
+            expected = absolute / scale
             std = told[f"std.{name}"]
             load = name in config["loads"]
             tile = f"{name}, {'load' if load else 'parameter'}"
-            found[tile, "value"] = [std] if load else [told[f"estimate.{name}"], std]
+            found[tile, "value"] = [expected] if load else [told[f"estimate.{name}"], expected]
             found[tile, "error in the simulated test"] = [told[f"error.{name}"]]
-            found[tile, "expected σ"] = [expected]
+            found[tile, "± expected σ"] = [absolute]
+            found[tile, "claimed σ in the simulated test"] = [std]
             if load:
                 found[tile, "true RMS"] = [np.sqrt(np.mean(truth**2))]
                 found[tile, "estimated RMS"] = [told[f"estimate.{name}"]]
@@ -67,8 +68,8 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
             if told.get(f"identified.{name}", True):
                 found[tile, "verdict"] = [_decisive(validate, name, load)[0]]
             for i, value in enumerate(place[f"without/{name}"][()]):
-                found[f"G{i + 1}", f"expected σ({name})"] = [value * scale / size]
-            found["all gauges", f"expected σ({name})"] = [expected]
+                found[f"G{i + 1}", f"expected σ({name})"] = [value]
+            found["all gauges", f"expected σ({name})"] = [expected, absolute]
         for i, position in enumerate(place["selected/final/position"][()]):
             for axis, value in zip("xyz", position, strict=True):
                 found[f"G{i + 1}", f"{axis} [m]"] = [value]
@@ -80,7 +81,7 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
     return {where: [float(value) for value in values] for where, values in found.items()}
 
 
-def _sentence(validate: h5py.File, names: list[str], gauges: int, pool: int, loads: Any) -> list[float]:
+def _sentence(place: h5py.File, validate: h5py.File, names: list[str], gauges: int, pool: int, loads: Any) -> list[float]:
     """What does not hold: ratio, the most where σ holds, error; then how many gauges of how many, and σ of what holds."""
     told, wrong, right = validate["summary"].attrs, [], []
     for name in names:
@@ -88,7 +89,7 @@ def _sentence(validate: h5py.File, names: list[str], gauges: int, pool: int, loa
         if ratio > high:
             wrong += [ratio, high, told[f"error.{name}"]]
         elif told.get(f"identified.{name}", True):
-            right.append(told[f"std.{name}"])
+            right.append(place["summary"].attrs[f"std.{name}"])
     return [*wrong, gauges, pool, *right]
 
 

@@ -76,7 +76,7 @@ def first(call):
     assert before.exit_code == 0
     assert before.output.count("will run") == before.output.count("never run") == 2 * 3 + 1
     assert call("run", "--dry-run").output == before.output
-    done = call("run")
+    done = call("run", "-v")
     assert done.exit_code == 0, done.output
     return done.output
 
@@ -90,6 +90,14 @@ def test_suite_prints_runs_claims_and_times(first, folder):
     assert (head[0], head[-1]) == ("run", "all")
     assert float(total[-1]) == pytest.approx(sum(float(row[-1]) for row in rows), abs=0.2)
     assert Artefact(folder / "results" / "both" / "suite.h5")["/claim/verdict"].tolist() == ["confirmed", "contradicted"]
+
+
+def test_suite_ends_with_its_claims_in_at_most_30_lines(first, call, folder):
+    last = call("run").output.split("suite both\n")[1].splitlines()
+    assert len(last) <= 30
+    assert [line.split()[-1] for line in last if line.startswith(("The joint", "Fine"))] == ["confirmed", "contradicted"]
+    assert f"report: {folder / 'results' / 'both' / 'report.html'}" in last
+    assert "run time [s]" not in last
 
 
 def test_suite_writes_its_page_and_escapes_its_texts(first, folder):

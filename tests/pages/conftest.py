@@ -212,7 +212,7 @@ def report(**changes):
 def bare():
     """The same placement with everything left out that a run may lack."""
     full = report()
-    unknowns = tuple(Unknown(unknown.name, unknown.unit, unknown.kind, unknown.guess) for unknown in full.unknowns)
+    unknowns = tuple(Unknown(unknown.name, unknown.unit, unknown.kind, unknown.reference) for unknown in full.unknowns)
     trend = replace(full.trend, lower_bound=None, gap=None, blocks={})
     return PlacementReport("bare", "Bare", Report(), unknowns, full.layout, trend)
 

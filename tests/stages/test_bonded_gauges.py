@@ -12,6 +12,7 @@ import pytest
 
 from strainsight import api
 from strainsight.errors import UserError
+from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import deck_frame, layout_labels
 from strainsight.experiment.layout.output import gauge_csv
 from strainsight.experiment.layout.workshop import catman_table
@@ -175,7 +176,7 @@ def test_a_rosette_comes_back_from_its_file_as_it_was(project, tmp_path):
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
     placed = api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
-    (project / "rosettes.csv").write_bytes(gauge_csv(placed.listed, {}, mesh, deck_frame("mm")))
+    (project / "rosettes.csv").write_bytes(gauge_csv(placed.listed, Expectation({}, {}), mesh, deck_frame("mm")))
     channels = catman_table(placed.listed, SimpleNamespace(gauge_factor=2.0, resistance=120.0))
     table = csv.DictReader(StringIO(channels.decode()), delimiter="\t")
     assert [row["Name"] for row in table] == [f"{name} {angle}°" for name in ("G1", "G2") for angle in (0, 45, 120)]

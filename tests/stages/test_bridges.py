@@ -291,7 +291,7 @@ def test_a_bridge_that_was_placed_is_found_in_the_file_of_its_layout(beam, tmp_p
     channels = [{"channel": "ch 1", "gauge": "G1", "unit": "m/m"}]
     case, training = of({"gauges.bridge": pattern, "estimate": {"channels": channels}})
     found = api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
-    lines = placement_output(found, mesh, "mm").files["gauges.csv"].decode().splitlines()
+    lines = placement_output(found, mesh, case.config).files["gauges.csv"].decode().splitlines()
     (tmp_path / "bonded.csv").write_text("\n".join(lines))
     assert bonded_gauges(case.config, training, found.gauges, tmp_path / "bonded.csv") == {"G1": found.gauges[0]}
 

@@ -164,7 +164,7 @@ def test_each_note_has_its_number_and_its_limit():
 
 def test_notes_are_the_last_column_of_the_file_where_there_are_some_and_it_is_read_as_before(beam, tmp_path):
     own, found = beam
-    of_deck = found.expected.without, own.mesh, deck_frame("m")
+    of_deck = found.expected, own.mesh, deck_frame("m")
     assert b"notes" not in gauge_csv(found.listed, *of_deck)
     notes = ["", notes_at_gauges(NOTED, 4)[1], ""]
     (tmp_path / "gauges.csv").write_bytes(gauge_csv(replace(found.listed, notes=tuple(notes)), *of_deck))

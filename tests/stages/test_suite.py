@@ -56,7 +56,7 @@ def test_the_numbers_are_those_of_the_runs(suite, artefacts):
     np.testing.assert_array_equal(suite["/unknown/smoothed"], [np.nan, np.nan, validate.summary["smoothed.E"]])
     expected = float(place["/expected_std/E"])
     scale = float(place.attributes("/expected_std/E")["scale"])
-    np.testing.assert_allclose(suite["/unknown/expected"], [np.nan, expected / scale, expected / 2.1e11])
+    np.testing.assert_allclose(suite["/unknown/expected"], [np.nan, expected / scale, expected / scale])
     assert suite["/unknown/repeats_worst"][2] == np.abs(validate["/repeats/error/E"]).max()
     assert suite["/case/condition"].tolist() == artefacts["observe"]["/condition"].T.ravel().tolist() * 2
     assert suite["/claim/verdict"].tolist() == ["confirmed"]

@@ -331,13 +331,13 @@ class ByCase:
     std: dict[str, np.ndarray] = dataset(
         "1",
         "/name",
-        "predicted σ of <name> in the simulation of the stage `train`, relative to the amplitude (load) or guess (parameter)",
+        "predicted σ of <name> in the simulation of the stage `train`, relative to the RMS (load) or guess (parameter)",
     )
     acts: dict[str, np.ndarray] = dataset(
         "1", "/name", "1 if <name> acts in the load case; 0: not part of the criterion of this load case"
     )
     scale: dict[str, np.ndarray] = dataset(
-        "SI", "/name", "amplitude (load) or guess (parameter) of <name>, the reference of σ"
+        "SI", "/name", "RMS in the load case (load) or guess (parameter) of <name>, the reference of σ"
     )
     worst: dict[str, str] = dataset("1", "", "load case with the largest σ of <name>")
 
@@ -355,7 +355,7 @@ class Placed(PlacedLayout):
         "1",
         "gauge",
         "predicted relative σ of <name> without each gauge of the layout: largest value of all load cases, "
-        "relative to the amplitude in the load case",
+        "relative to the RMS in the load case",
     )
     budget: Budget | None = group(default=None)
     observability: Observability = group()

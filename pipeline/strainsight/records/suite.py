@@ -54,7 +54,9 @@ class UnknownRows:
     smoothed: np.ndarray = dataset("1", "/name", "error of the smoothed estimate, defined as `error`")
     std: np.ndarray = dataset("1", "/name", "standard deviation of the filter estimate (relative, see `error`)")
     expected: np.ndarray = dataset(
-        "1", "/name", "standard deviation predicted by the stage `place` (relative, see `error`)"
+        "1",
+        "/name",
+        "standard deviation predicted by the stage `place`, relative to the guess (loads: RMS in the stage `train`)",
     )
     repeats_rms: np.ndarray = dataset(
         "1",

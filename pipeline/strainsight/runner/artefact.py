@@ -131,7 +131,7 @@ class Artefact:
                     )
             self.summary: dict[str, Scalar] = self.attributes("/summary")
             self.tables = tuple(
-                Table(t["title"], tuple(t["columns"]), tuple(tuple(row) for row in t["rows"]))
+                Table(t["title"], tuple(t["columns"]), tuple(tuple(row) for row in t["rows"]), t.get("answer", False))
                 for t in json.loads(bytes(file["tables"][()]).decode())
             )
         if known is not None:

@@ -4,6 +4,7 @@ A file has about a hundred small datasets, which the low-level interface of h5py
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,20 +65,26 @@ class InMemory:
 
 @dataclass(frozen=True)
 class Table:
-    """A table for people, printed at the end of `run`; every cell is already text."""
+    """A table for people; every cell is already text. answer: printed at the end of `run`, others by `show`."""
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    answer: bool = False
+
+    @property
+    def name(self) -> str:
+        """Beginning of the title, up to a colon, semicolon or bracket."""
+        return re.split(r"[:;(]", self.title)[0].strip()
 
 
 WARNINGS = "warnings"
 """Title of the table of a stage's warnings."""
 
 
-def warnings_table(texts: Sequence[str], title: str = WARNINGS) -> tuple[Table, ...]:
+def warnings_table(texts: Sequence[str], title: str = WARNINGS, answer: bool = False) -> tuple[Table, ...]:
     """A table of warnings or other sentences, none for no texts."""
-    return (Table(title, ("",), tuple((text,) for text in texts)),) if texts else ()
+    return (Table(title, ("",), tuple((text,) for text in texts), answer),) if texts else ()
 
 
 def warning_texts(tables: Iterable[Table]) -> tuple[str, ...]:
@@ -92,7 +99,7 @@ class Output:
     datasets    path ("/reduced/mass/constant") → Dataset
     summary     small scalars that --json prints
     message     one line: "100 → 4, gap 0.000 %, E ± 0.08 %"
-    tables      printed at the end of `run`
+    tables      printed by the command of the stage and by `show`
     attributes  group or dataset path → attributes; under /VTKHDF they are written exactly as given
     files       file name → content, written next to the artefact ("report.html")
     inputs      additional input files found by the stage (INCLUDE of a deck); a change runs it again

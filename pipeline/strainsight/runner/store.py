@@ -270,7 +270,7 @@ def _write_content(file: h5py.File, output: Output) -> None:
         if not isinstance(scalar, str | bool | int | float | np.generic):
             raise ValueError(f"the summary value {name} is a {type(scalar).__name__}, not a number, boolean or text")
         summary.attrs[name] = scalar
-    tables = [{"title": t.title, "columns": t.columns, "rows": t.rows} for t in output.tables]
+    tables = [vars(table) for table in output.tables]
     # A dataset and not an attribute, which HDF5 limits to 64 KiB.
     file.create_dataset("tables", data=np.frombuffer(json.dumps(tables, ensure_ascii=False).encode(), dtype=np.uint8))
 

@@ -13,4 +13,4 @@ def run(context: Context[PlacementConfig]) -> Output:
     """The placement, with the pool as points of a grid."""
     mesh, training, screened = inputs.mesh(context), inputs.training(context), inputs.screened(context)
     placement = placement_of(context.config, mesh, inputs.reduced(context), training, screened, context)
-    return placement_output(placement, mesh, context.config.mesh.length_unit)
+    return placement_output(placement, mesh, context.config)

@@ -155,7 +155,7 @@ OBSERVE = Stage(
 
 PLACE = Stage(
     "place",
-    version=35,
+    version=36,
     reads=(
         "seed",
         "mesh.length_unit",
@@ -188,7 +188,7 @@ PLACE = Stage(
 
 ESTIMATE = Stage(
     "estimate",
-    version=44,
+    version=45,
     reads=(
         "seed",
         "mesh.point_masses",
@@ -262,7 +262,7 @@ VALIDATE = Stage(
 
 REPORT = Stage(
     "report",
-    version=26,
+    version=27,
     reads=(
         "name",
         "seed",

@@ -13,6 +13,7 @@ from strainsight import __version__
 from strainsight.config.suite_runs import all_of
 from strainsight.errors import ConfigError, did_you_mean
 from strainsight.estimation.decision import FAULTS
+from strainsight.experiment.layout.advice import sigma_text
 from strainsight.pages.arrays import rms
 from strainsight.pages.bench.data import BenchPageRun
 from strainsight.pages.picture.scene import draw_or_explain, look, render_all
@@ -38,7 +39,6 @@ from strainsight.pages.suite.page import suite_page
 from strainsight.pages.suite.summary import counts, results_of, without_benefit
 from strainsight.records.bench import BenchEstimated
 from strainsight.records.mesh import mesh_from
-from strainsight.records.placed import Placed
 from strainsight.records.record import read, written
 from strainsight.records.reduced import Reduced
 from strainsight.records.suite import (
@@ -51,13 +51,12 @@ from strainsight.records.suite import (
     UnknownRows,
     columns,
 )
-from strainsight.records.training import Training
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Output, Table
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench.report import run_of
 from strainsight.stages.pages.page import cases_of, history_of, trend_of, unknown_of, warnings_of
-from strainsight.stages.pages.page_layout import layout_of_page, placed_scale
+from strainsight.stages.pages.page_layout import expected_sigma, layout_of_page
 
 PAGE = "report"
 """The stage of a run that writes its own page, report.html."""
@@ -118,21 +117,8 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
 def _unknown(name: str, entry: Any, up: Mapping[str, Artefact]) -> Unknown:
     if "validate" in up:
         return unknown_of(name, entry.kind, up)
-    guess, expected = _guess(name, entry, up), None
-    if "place" in up:
-        guess = placed_scale(name, up["place"])
-        expected = read(Placed, up["place"]).expected_std[name] / guess
-    return Unknown(name=name, unit=entry.unit, kind=entry.kind, guess=guess, expected_std=expected)
-
-
-def _guess(name: str, entry: Any, up: Mapping[str, Artefact]) -> float:
-    """Before anything is placed: a parameter's reference, an input's largest training load; NaN before that is known."""
-    if entry.kind == "parameter":
-        return read(Reduced, up["rom"]).model.reference.get(name, float("nan")) if "rom" in up else float("nan")
-    if "train" not in up:
-        return float("nan")
-    loads = read(Reduced, up["rom"]).model.inputs
-    return float(np.abs(read(Training, up["train"]).load[:, loads.index(name)]).max())
+    expected, reference = expected_sigma(name, up["place"]) if "place" in up else (None, float("nan"))
+    return Unknown(name=name, unit=entry.unit, kind=entry.kind, reference=reference, expected_std=expected)
 
 
 def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[SuiteStudy, ...]:
@@ -298,18 +284,19 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
                 "published and computed numbers",
                 ("source", "published", "computed with published settings", "computed with other settings", "result"),
                 compared,
+                answer=True,
             )
         )
     if suite.statements:
         lines = tuple((one.text, target(one), measured(one), one.result) for one in suite.statements)
-        tables.append(Table("claims", ("claim", "target", "measured", "result"), lines))
+        tables.append(Table("claims", ("claim", "target", "measured", "result"), lines, answer=True))
     metrics = metrics_of(run for _, run in suite.placements)
     placement = ("run", "unknown", "gauges", metric_name(metrics), "gap", *OF_PLACEMENTS)
     for kind, head in ((PlacementRun, placement), (BenchPageRun, ("run", "unknown", *OF_BENCHES))):
         runs = [run for run in suite.runs if isinstance(run, kind)]
         rows = tuple(row for run in runs for row in _rows(run, len(head), len(metrics) > 1))
         if runs:
-            tables.append(Table(suite.title, head, rows))
+            tables.append(Table(f"unknowns: {suite.title}", head, rows, answer=True))
     return tuple(tables)
 
 
@@ -320,7 +307,11 @@ def _rows(run: SuiteRun, columns: int, mixed: bool) -> Iterator[tuple[str, ...]]
     if isinstance(run, BenchPageRun) and not run.unknowns:
         yield (label, "", missing, *[""] * (columns - 3))
     for unknown in _unknowns(run):
-        cells = [_percent(unknown[key]) for key in ("error", "smoothed", "std", "expected") if key in unknown]
+        cells = [_percent(unknown[key]) for key in ("error", "smoothed", "std") if key in unknown]
+        if (expected := unknown.get("expected")) is not None:
+            cells.append(sigma_text(expected, unknown["reference"], unknown["unit"]))
+        elif "expected" in unknown:
+            cells.append("")
         if isinstance(run, BenchPageRun):
             cells += ["" if (fit := unknown[key]) is None else f"{fit:.5g}" for key in ("slope", "ratio_slope")]
         else:
@@ -407,7 +398,7 @@ def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
 
 SUITE = Stage(
     "suite",
-    version=12,
+    version=13,
     reads=("name", "title", "runs", "studies", "claims", "comparisons"),
     upstream=(),
     files=("runs.*.artefacts.*",),

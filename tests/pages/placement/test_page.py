@@ -63,7 +63,7 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
     assert "209.9\u00a0GPa" in first
     assert "0.052\u00a0%" in first
     said = words(first)
-    assert "4 gauges chosen from 30 candidates estimate tip to within ± 16 % of the load RMS (claimed σ)." in said
+    assert "4 gauges chosen from 30 candidates estimate tip to within ± 16 % (expected σ)." in said
     for phrase in ("not identified (the measurements hardly reduce the initial uncertainty of this unknown)",
                    "Temperature.", "1 warning . Read it"):
         assert phrase in said

@@ -196,7 +196,10 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
     tables = (
         Table("distance of the gauges to the surface", ("sensor", "gauge", "distance"), moved),
         Table(
-            "highest contact pressure of every bearing", ("bearing", "pressure", "time", "loaded balls"), tuple(rings)
+            "highest contact pressure of every bearing",
+            ("bearing", "pressure", "time", "loaded balls"),
+            tuple(rings),
+            answer=True,
         ),
         *warnings_table(doubts),
     )

@@ -28,18 +28,31 @@ MATTERS = 1.05
 class Expectation:
     """Expected σ of every unknown.
 
-    std: name → σ; without: name → (k,) σ without each gauge in turn. Relative to the scale of the unknown for a structure, in N
-    or N m for a bench; inf if unobservable, NaN if not solved. budget: name → source → share of the variance, empty for a bench.
-    """
+    std: name → σ; without: name → (k,) σ without each gauge in turn; relative to `reference` [SI]: RMS of a load in the training
+    simulation, guess of a parameter. For a bench σ is in SI, and `reference` is empty. inf if unobservable, NaN if not solved.
+    budget: name → source → share of the variance, empty for a bench."""
 
     std: dict[str, float]
     without: dict[str, np.ndarray]
+    reference: Mapping[str, float] = field(default_factory=dict)
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def absolute(self) -> dict[str, float]:
+        """σ of every unknown [SI]."""
+        return {name: std * self.reference.get(name, 1.0) for name, std in self.std.items()}
 
     def importance(self, over: Collection[str]) -> np.ndarray:
         """Relative increase of σ without each gauge, summed over these unknowns (k,); infinite if not solved."""
         grown = np.asarray(sum(self.without[name] / self.std[name] for name in over))
         return np.where(np.isnan(grown), np.inf, grown)
+
+
+def sigma_text(std: float, reference: float | None, unit: str) -> str:
+    """`0.91 % (1.72e+09 Pa)`, of a factor `0.91 %`; reference: of a relative σ [unit], None for σ in its unit."""
+    if reference is None:
+        return f"{std:.3g} {unit}"
+    return f"{100 * std:.2g} %" + f" ({std * reference:.3g} {unit})" * (unit != "1")
 
 
 def least_expected(layouts: Sequence[Expectation], over: Collection[str]) -> int:
@@ -77,6 +90,25 @@ REMEDY = {
 """Source of variance → remedy."""
 
 
+def sigma_table(expected: Expectation, units: Mapping[str, str]) -> Table:
+    """Table of the expected σ of every unknown, with its reference and its largest source of variance; units: of the
+    unknowns."""
+    rows = []
+    for name, std in expected.std.items():
+        reference, shares = expected.reference.get(name), expected.budget.get(name, {})
+        size = [] if reference is None else [f"{reference:.4g} {units[name]}"]
+        source = [f"{largest_source(shares)} ({100 * max(shares.values()):.0f} % of the variance)"] if shares else []
+        rows.append((name, *size, sigma_text(std, reference, units[name]), *source))
+    columns = ["unknown", *["guess, or RMS of the load"] * bool(expected.reference), "expected σ"]
+    columns += ["largest source of σ"] * bool(expected.budget)
+    return Table("accuracy: expected σ of the layout", tuple(columns), tuple(rows), answer=True)
+
+
+def largest_source(shares: Mapping[str, float]) -> str:
+    """Largest source of a variance budget."""
+    return list(shares)[index_of_largest(np.array(list(shares.values())))]
+
+
 def budget_table(budget: Mapping[str, Mapping[str, float]], of: str = "budget") -> Table:
     """Table of the variance by source, in %."""
     sources = list(dict.fromkeys(source for shares in budget.values() for source in shares))
@@ -84,19 +116,19 @@ def budget_table(budget: Mapping[str, Mapping[str, float]], of: str = "budget") 
     return Table(of, ("variance of", *sources), rows)
 
 
-def budget_tables(budget: Budget | None, without: Sequence[str] = ()) -> tuple[Table, ...]:
-    """Variance budget of a filter run, remedies, and the reasons for missing budgets; empty without any."""
+def budget_tables(budget: Budget | None, without: Sequence[str] = (), answer: bool = False) -> tuple[Table, ...]:
+    """Variance budget of a filter run, remedies, and the reasons for missing budgets; empty without any. answer: whether the
+    remedies are an answer of the run."""
     sentences = (*helps({} if budget is None else budget.shares), *without)
     table = () if budget is None else (budget_table(budget.shares, "variance budget of the filtered estimates"),)
-    return (*table, *warnings_table(sentences, "how to reduce σ"))
+    return (*table, *warnings_table(sentences, "how to reduce σ", answer))
 
 
 def helps(budget: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
     """Sentences on the largest source of variance of the unknowns, and its remedy."""
     led: dict[str, list[str]] = {}
     for name, shares in budget.items():
-        largest = list(shares)[index_of_largest(np.array(list(shares.values())))]
-        led.setdefault(largest, []).append(name)
+        led.setdefault(largest_source(shares), []).append(name)
     for source, names in led.items():
         much = listed_words([f"{100 * budget[name][source]:.0f} % of the variance of {name}" for name in names])
         yield f"Largest source of σ({listed_words(names)}): {source} ({much}). To reduce σ, {REMEDY[source]}."
@@ -121,9 +153,9 @@ def advice(
     cost = elimination.cost if plain else elimination.cost[-1:]
     price, alone, ties = task.cost_of(layout.gauges), task.pool.alone, sum(1 for tied in elimination.ties if tied)
     return (
+        *helps(expected.budget),
         *_how_many(task.sigma, cost, len(layout.gauges), labels, task.settings.keep),
         *(_weakest(expected.std) if task.relative else ()),
-        *helps(expected.budget),
         *best_possible(layout.certificate, task.criterion, task.over, task.sigma),
         *_uneliminated(task, layout),
         *(
@@ -177,7 +209,7 @@ def moved_in_words(exact: Expectation, chosen: Expectation, over: Collection[str
 def _weakest(std: Mapping[str, float]) -> Iterator[str]:
     if len(std) > 1:
         name = max(std, key=lambda key: std[key])
-        yield f"{name} has the largest relative uncertainty, ± {100 * std[name]:.2g} % of its guess or amplitude."
+        yield f"{name} has the largest relative uncertainty, ± {100 * std[name]:.2g} %."
 
 
 def best_possible(

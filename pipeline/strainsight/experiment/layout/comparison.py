@@ -78,10 +78,10 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleCompari
     return RuleComparison(chosen, every)
 
 
-def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarray | None) -> Table:
+def criteria_table(others: RuleComparison, names: Sequence[str], reference: Sequence[float] | None) -> Table:
     """Table of layouts by rule and criterion, with the random layout of median metric.
 
-    names: of the unknowns; scale (u,): of relative σ, None for σ in its unit."""
+    names: of the unknowns; reference (u,): of relative σ, None for σ in its unit."""
     criteria = [criterion_of(name) for name in others.scores["final"].cost]
     chosen = criteria[0].name
     shown = {RULES[rule]: others.scores[rule] for rule in others.sets if rule in RULES}
@@ -101,7 +101,7 @@ def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarr
             number(s.cost[chosen] / best),
             *(number(s.cost[c.name]) for c in criteria[1:]),
             *(
-                number(v) if scale is None or not np.isfinite(v) else f"{100 * v / scale[i]:.2g} %"
+                number(v) if reference is None or not np.isfinite(v) else f"{100 * v / reference[i]:.2g} %"
                 for i, v in enumerate(s.std)
             ),
         )

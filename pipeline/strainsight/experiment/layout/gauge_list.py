@@ -182,13 +182,17 @@ def _kind(quantity: int, channels: int, bridge: bool) -> str:
     return "accelerometer" if quantity == ACCELERATION else "displacement sensor"
 
 
-def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: bool) -> Table:
-    """Table of gauge positions and of σ of each unknown without the gauge; bridge arms have separate lines."""
+def gauge_table(listed: GaugeList, mesh: Mesh, without: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Table:
+    """Table of gauge positions [mm] and of σ of each unknown without the gauge; bridge arms have separate lines.
+
+    units: of the unknowns, empty for relative σ."""
     grids, kinds = listed.grids, listed.bonded.any() or set(listed.kind) != {"strain gauge"}
+    edge = 1e3 * line_edges(grids, mesh).distance[:, 0]
+    edged = bool(np.isfinite(edge).any())
     on_surface, rows = bool(grids.facet.any()), []
     for i, label in enumerate(listed.labels):
         lines, kind = listed.lines_of(i), listed.kind[i] + ", bonded" * bool(listed.bonded[i])
-        values = [f"{100 * v[i]:.3g} %" if relative else f"{v[i]:.4g}" for v in without.values()]
+        values = [f"{v[i]:.4g} {units[name]}" if units else f"{100 * v[i]:.3g} %" for name, v in without.items()]
         bridge = listed.kind[i] == "bridge"
         for number, line in enumerate(lines if bridge else lines[:1]):
             if number:
@@ -200,7 +204,8 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
                     label,
                     *([kind] if kinds else []),
                     *([str(grids.element[line]), str(grids.facet[line])] if on_surface else []),
-                    " ".join(f"{x:.4f}" for x in grids.position[line]),
+                    " ".join(f"{round(1e3 * x, 1) + 0.0:.1f}" for x in grids.position[line]),
+                    *([f"{edge[line]:.1f}" if np.isfinite(edge[line]) else ""] if edged else []),
                     " ".join(f"{round(x, 3) + 0.0:g}" for x in grids.direction[line]),
                     " ".join(f"{angle:g}°" for angle in angles),
                     *values,
@@ -210,10 +215,12 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
         "gauge",
         *(["kind"] if kinds else []),
         *(["element", "facet"] if on_surface else []),
-        *("x y z [m]", "direction", "angle"),
+        "x y z [mm]",
+        *(["nearest edge [mm]"] if edged else []),
+        *("direction", "angle"),
         *(f"σ({name}) without gauge" for name in without),
     )
-    return Table("gauges", columns, tuple(rows))
+    return Table("gauges", columns, tuple(rows), answer=True)
 
 
 def marked_places(listed: GaugeList) -> tuple[Candidates, tuple[str, ...]]:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
+from strainsight.experiment.layout.advice import Expectation, sigma_table, sigma_text
 from strainsight.experiment.layout.comparison import RuleComparison, criteria_table
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
@@ -97,10 +98,12 @@ def layout_output(
     length_unit: str,
     numbers: Mapping[str, Scalar],
     attributes: Mapping[str, Mapping[str, Any]],
+    units: Mapping[str, str],
     tables: tuple[Table, ...] = (),
 ) -> Output:
-    """Output of a placement; mesh: of the gauges; length_unit: of its deck; numbers, attributes, tables: additional ones."""
-    task, listed, std, names = placement.task, placement.listed, placement.expected.std, placement.task.unknowns.names
+    """Output of a placement; mesh: of the gauges; length_unit: of its deck; units: of the unknowns; numbers, attributes, tables:
+    additional ones."""
+    task, listed, expected, names = placement.task, placement.listed, placement.expected, placement.task.unknowns.names
     criterion, certificate = task.criterion, placement.layout.certificate
     grid, grid_attributes = _pool_grid(placement)
     parts = [f"{len(task.pool.gauges)} → {len(placement.gauges)}"]
@@ -109,27 +112,33 @@ def layout_output(
         parts.append(f"gap of the criterion to its lower bound{over} {100 * max(certificate.gap, 0.0):.3f} %")
     if placement.layout.proven:
         parts.append("proven optimal")
-    parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]
+    parts += [f"{n} ± {sigma_text(std, expected.reference.get(n), units[n])}" for n, std in expected.std.items()]
     marked, labels = marked_places(listed)
     unit = units_in_words(task.candidates.quantity)
-    units = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
+    of_datasets = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
     return Output(
-        datasets=grid | written(record, units, FieldPlace("", what=criterion.symbol)),
+        datasets=grid | written(record, of_datasets, FieldPlace("", what=criterion.symbol)),
         attributes={
             **grid_attributes,
             "/augmented": {"aggregate": task.aggregate, "criterion": criterion.name},
             **attributes,
         },
-        summary={**_summary(placement), **{f"std.{name}": value for name, value in std.items()}, **numbers},
+        summary={
+            **_summary(placement),
+            **{f"std.{name}": value for name, value in expected.std.items()},
+            **{f"std_absolute.{name}": value for name, value in expected.absolute.items()},
+            **numbers,
+        },
         message=", ".join(parts),
         tables=(
-            gauge_table(listed, placement.expected.without, task.relative),
+            gauge_table(listed, mesh, expected.without, {} if task.relative else units),
+            sigma_table(expected, units),
+            *warnings_table(placement.advice, "advice", answer=True),
             *tables,
-            criteria_table(placement.others, names, task.unknowns.scale if task.relative else None),
-            *warnings_table(placement.advice, "advice"),
+            criteria_table(placement.others, names, [expected.reference[n] for n in names] if task.relative else None),
         ),
         files={
-            "gauges.csv": gauge_csv(listed, placement.expected.without, mesh, deck_frame(length_unit)),
+            "gauges.csv": gauge_csv(listed, expected, mesh, deck_frame(length_unit)),
             "gauges.unv": uff_text(marked.position, marked.direction, marked.normal, labels).encode(),
         },
     )
@@ -218,21 +227,24 @@ def _summary(placement: Placement) -> dict[str, Scalar]:
     return numbers
 
 
-def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, frame: PositionAxes) -> bytes:
-    """CSV with one line per channel or bridge arm: position etc. in m, largest training reading, relative σ of every unknown
-    without the gauge; then position and edge distances in the deck's unit, and notes."""
+def gauge_csv(listed: GaugeList, expected: Expectation, mesh: Mesh, frame: PositionAxes) -> bytes:
+    """CSV with one line per channel or bridge arm: position etc. in m, largest training reading, expected σ of every unknown
+    with all gauges (relative and in SI) and without the gauge; then position and edge distances in the deck's unit, and notes."""
     bridged, noted, grids = any(listed.signs), any(listed.notes), listed.grids
     axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
     head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
     head += ["sign"] * bridged
-    rows = [[*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted]]
+    sigma = {f"std_{name}": std for name, std in expected.std.items()}
+    sigma |= {f"std_absolute_{name}": std for name, std in expected.absolute.items()}
+    without = {f"std_{name}_without": values for name, values in expected.without.items()}
+    rows = [[*head, *sigma, *without, *measured_columns(frame), *["notes"] * noted]]
     vectors = np.round(np.hstack([grids.position, grids.normal, grids.direction]), 12) + 0.0
     numbers = np.column_stack([vectors, grids.angle, grids.length, listed.peaks[listed.channel]])
     for line, measured in enumerate(measured_cells(grids, line_edges(grids, mesh), frame)):
         i = listed.gauge[line]
         words = [listed.labels[i], listed.kind[i], listed.family[i], "yes" if listed.bonded[i] else "no"]
         words += [str(grids.element[line]), str(grids.facet[line]), *(f"{x:.9g}" for x in numbers[line])]
-        missing = [f"{values[i]:.9g}" for values in without.values()]
-        tail = [listed.unit[i], *[listed.signs[line]] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
+        stds = [f"{value:.9g}" for value in (*sigma.values(), *(values[i] for values in without.values()))]
+        tail = [listed.unit[i], *[listed.signs[line]] * bridged, *stds, *measured, *listed.notes[i : i + noted]]
         rows.append([*words, *tail])
     return csv_bytes(rows)

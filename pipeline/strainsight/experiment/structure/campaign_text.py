@@ -148,7 +148,7 @@ def _tables(campaign: Campaign) -> tuple[Table, ...]:
     first, only, notes = campaign.first.estimated, campaign.only, list[tuple[str, ...]]()
     tables = [_unknowns_table(campaign) if only else _records_table(campaign)]
     tables += [_parameter_table(campaign)] if not only and campaign.unknowns.parameters else []
-    tables += [*damage_tables(campaign.damage, campaign.labels), *budget_tables(first.budget)]
+    tables += [*damage_tables(campaign.damage, campaign.labels), *budget_tables(first.budget, answer=True)]
     if first.compared is not None:
         tables.append(comparison_table(first.compared, campaign.units))
     for of, record in campaign.records.items():
@@ -156,11 +156,11 @@ def _tables(campaign: Campaign) -> tuple[Table, ...]:
         each = [hold_out_table(left_out_each, campaign.channel_units, "gauge")] if left_out_each else []
         for table in (*each, channel_table(record.estimated, campaign.channel_units)):
             tables.append(table if only else replace(table, title=f"{table.title}: {of}"))
-        notes += [(of, note) for note in filter(None, (*record.estimated.notes, record.innovations_in_words))]
+        notes += [(of, note) for note in filter(None, (record.innovations_in_words, *record.estimated.notes))]
     texts = [text for _, text in notes]
     rows = [("all" if texts.count(text) == len(campaign.records) else of, text) for of, text in notes]
-    by_record = (Table("measurements", ("record", ""), tuple(dict.fromkeys(rows))),)
-    measurements = warnings_table(texts, "measurements") if only else by_record
+    by_record = (Table("measurements", ("record", ""), tuple(dict.fromkeys(rows)), answer=True),)
+    measurements = warnings_table(texts, "measurements", answer=True) if only else by_record
     return (*tables, *measurements, *warnings_table([*filter(None, (campaign.decision.message,))]))
 
 
@@ -176,7 +176,7 @@ def _unknowns_table(campaign: Campaign) -> Table:
             estimate = f"{value[-1]:.5g}" if unit == "1" else f"{value[-1]:.5g} {unit}"
             sigma = f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
         rows.append((name, estimate, WITHHELD if campaign.decision.withheld else sigma))
-    return Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows))
+    return Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows), answer=True)
 
 
 def _records_table(campaign: Campaign) -> Table:
@@ -192,7 +192,8 @@ def _records_table(campaign: Campaign) -> Table:
         consistency = summarise_record(record.judgement.trusted, record.judgement.disagrees)
         rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, inside, consistency))
     heads = [f"{name} {what} [{campaign.units[name]}]" for name in loads for what in ("peak", "RMS")]
-    return Table("records", ("record", "duration", *heads, "innovations within 2σ", "consistency"), tuple(rows))
+    columns = ("record", "duration", *heads, "innovations within 2σ", "consistency")
+    return Table("records", columns, tuple(rows), answer=True)
 
 
 def innovations_inside(estimated: Estimated) -> float:
@@ -213,7 +214,7 @@ def _parameter_table(campaign: Campaign) -> Table:
     some = 0 < len(_agreeing(campaign)) < len(campaign.records)
     by = "estimate from consistent records" if some else "estimate from all records"
     columns = ("parameter", by, "claimed σ", *(f"{of} alone" for of in campaign.records))
-    return Table("parameters shared by all records", columns, tuple(rows))
+    return Table("parameters shared by all records", columns, tuple(rows), answer=True)
 
 
 def _with_sigma(value: float, std: float) -> str:

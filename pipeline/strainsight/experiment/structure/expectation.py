@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.claim import covariance_recursion, predict_grid_std
-from strainsight.experiment.layout.advice import Expectation
+from strainsight.experiment.layout.advice import Expectation, sigma_text
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.placement import Placement
 from strainsight.experiment.structure.candidates import of_channels
@@ -48,12 +48,13 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated, fai
             remedy="Check that the noise levels do not differ by many orders of magnitude, and that the time step resolves the "
             "load models (process_noise).",
         )
-    names = problem.unknowns.names
+    names, reference = problem.unknowns.names, problem.reference
     variance, budget = variances(problem, claim)
-    level = np.sqrt(variance)
+    level = np.sqrt(variance) * (problem.unknowns.scale / reference)
     return Expectation(
         {name: float(level[0, i]) for i, name in enumerate(names)},
         {name: level[1:, i] for i, name in enumerate(names)},
+        dict(zip(names, reference.tolist(), strict=True)),
         budget,
     )
 
@@ -80,14 +81,14 @@ def worst_case(cases: Sequence[Expectation], acts: Sequence[np.ndarray]) -> Expe
     acts (u,) bool: whether an unknown acts in a case; other cases do not count."""
     if len(cases) == 1:
         return cases[0]
-    std, without, budget = {}, {}, {}
+    std, without, reference, budget = {}, {}, {}, {}
     for i, name in enumerate(cases[0].std):
         acting = [case for case, act in zip(cases, acts, strict=True) if act[i]]
         worst = acting[index_of_largest(np.array([case.std[name] for case in acting]))]
         std[name] = worst.std[name]
         without[name] = np.max([case.without[name] for case in acting], axis=0)
-        budget[name] = worst.budget[name]
-    return Expectation(std, without, budget)
+        reference[name], budget[name] = worst.reference[name], worst.budget[name]
+    return Expectation(std, without, reference, budget)
 
 
 def cases_of(placement: Placement, expected: Sequence[Expectation]) -> ByCase:
@@ -112,7 +113,7 @@ def cases_of(placement: Placement, expected: Sequence[Expectation]) -> ByCase:
         metric=np.array(cost),
         std={name: std[:, i] for i, name in enumerate(names)},
         acts={name: cases.acts[:, i] for i, name in enumerate(names)},
-        scale={name: cases.scale[:, i] for i, name in enumerate(names)},
+        scale={name: np.array([case_expectation.reference[name] for case_expectation in expected]) for name in names},
         worst={
             name: cases.names[index_of_largest(np.where(cases.acts[:, i], std[:, i], -np.inf))]
             for i, name in enumerate(names)
@@ -120,20 +121,23 @@ def cases_of(placement: Placement, expected: Sequence[Expectation]) -> ByCase:
     )
 
 
-def case_table(cases: ByCase, symbol: str) -> Table:
-    """Table of load cases with weight, criterion and expected σ."""
+def case_table(cases: ByCase, symbol: str, units: Mapping[str, str]) -> Table:
+    """Table of load cases with weight, criterion and expected σ; units: of the unknowns."""
     rows = tuple(
         (
             name,
             f"{cases.weight[i]:g}",
             f"{cases.metric[i]:.4g}",
-            *(f"{100 * std[i]:.3g} %" if cases.acts[unknown][i] else "inactive" for unknown, std in cases.std.items()),
+            *(
+                sigma_text(std[i], cases.scale[unknown][i], units[unknown]) if cases.acts[unknown][i] else "inactive"
+                for unknown, std in cases.std.items()
+            ),
         )
         for i, name in enumerate(cases.name)
     )
     columns = ("load case", "weight", symbol, *(f"expected σ({name})" for name in cases.std))
     return Table(
-        "load cases: σ of parameters relative to the guess, σ of loads relative to their amplitude in the load case",
+        "load cases: σ of parameters relative to the guess, σ of loads relative to their RMS in the load case",
         columns,
         rows,
     )

@@ -48,7 +48,7 @@ from strainsight.experiment.structure.problem import (
     problem_of,
     scenarios_of,
 )
-from strainsight.experiment.structure.references import families
+from strainsight.experiment.structure.references import families, unknown_units
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
 from strainsight.experiment.structure.slow_load import slow_load_advice
 from strainsight.experiment.structure.start import ringing_in_words
@@ -362,22 +362,14 @@ def _left_aligned(channels: np.ndarray) -> np.ndarray:
     return moved[:, (moved >= 0).any(axis=0)]
 
 
-def placement_output(placement: StructurePlacement, mesh: Mesh, length_unit: str) -> Output:
-    """Output of a placement; length_unit: of the deck."""
-    condition, unknowns, by_case, hot = (
-        placement.condition,
-        placement.task.unknowns,
-        placement.by_case,
-        placement.hot_spots,
-    )
-    scale = dict(zip(unknowns.names, unknowns.scale.tolist(), strict=True))
-    if by_case is not None:
-        scale = {name: float(by_case.scale[name][by_case.name.index(by_case.worst[name])]) for name in unknowns.names}
-    expected = placement.expected
+def placement_output(placement: StructurePlacement, mesh: Mesh, config: PlacementConfig) -> Output:
+    """Output of a placement."""
+    condition, by_case, hot = placement.condition, placement.by_case, placement.hot_spots
+    expected, units = placement.expected, unknown_units(config)
     record = layout_record(
         Placed,
         placement,
-        expected_std={name: std * scale[name] for name, std in expected.std.items()},
+        expected_std=expected.absolute,
         without=expected.without,
         budget=budget_of_shares(expected.budget),
         observability=condition,
@@ -390,11 +382,12 @@ def placement_output(placement: StructurePlacement, mesh: Mesh, length_unit: str
     numbers: dict[str, Scalar] = {"condition": condition.condition} | {key: text for key, text in words.items() if text}
     tables: tuple[Table, ...] = (budget_table(expected.budget),)
     if by_case is not None:
-        tables = (case_table(by_case, placement.task.criterion.symbol), *tables)
+        tables = (case_table(by_case, placement.task.criterion.symbol, units), *tables)
     if hot is not None:
         numbers |= {"hot_spots": int(hot.hot.sum())}
         tables += (hot_spot_table(hot, placement.listed.labels),)
-    attributes = {f"/expected_std/{name}": {"scale": size} for name, size in scale.items()}
-    output = layout_output(placement, record, mesh, length_unit, numbers, attributes, tables)
+    attributes = {f"/expected_std/{name}": {"scale": size} for name, size in expected.reference.items()}
+    length_unit = config.mesh.length_unit
+    output = layout_output(placement, record, mesh, length_unit, numbers, attributes, units, tables)
     message = f"{output.message}, weakly observable: {lost}" if lost else output.message
     return replace(output, message=f"{message}; {rests}" if rests else message)

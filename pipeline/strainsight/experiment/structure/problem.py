@@ -11,6 +11,7 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
+from strainsight.estimation.consistency import load_scale
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import Settled
 from strainsight.estimation.update import Form
@@ -80,6 +81,15 @@ class Problem:
     def acts(self) -> np.ndarray:
         """Whether each unknown acts in the run (u,); inactive loads do not."""
         return np.array([name not in self.run.silent for name in self.unknowns.names])
+
+    @property
+    def reference(self) -> np.ndarray:
+        """Reference of the relative σ of every unknown (u,) [SI]: RMS of a load in the training simulation, guess of a
+        parameter."""
+        unknowns, u = self.unknowns, instant_values(self.u)
+        loads = (load_scale(u[:, self.columns([name])[0]], unknowns.amplitude[name])[0] for name in unknowns.inputs)
+        size = {**unknowns.guess, **dict(zip(unknowns.inputs, loads, strict=True))}
+        return np.array([size[name] for name in unknowns.names])
 
     @property
     def known(self) -> tuple[str, ...]:

@@ -45,14 +45,14 @@ class Unknown:
 
     name, unit      in SI ("E", "Pa")
     kind            "input" (a load history) or "parameter" (one number)
-    guess           parameter: initial value; load: amplitude [unit]
+    reference       of expected_std: guess of a parameter, RMS of a load in the training simulation [unit]
     truth           parameter: true value; load: RMS of the true history [unit]
     estimate        parameter: mean over the last half; load: RMS of the estimated history [unit]
     error           relative: parameter |estimate/truth − 1|; load: RMS error, both after the first tenth
     std             relative: σ of the filter over the same span
     smoothed_error, smoothed_std  `error` and `std` of the smoothed estimate
-    expected_std    relative: σ expected at placement; with load cases in the worst one, relative to the amplitude there
-                    zero            whether a load is zero, so that relative values refer to its amplitude, `guess`
+    expected_std    relative to `reference`: σ expected at placement; with load cases in the worst one
+    zero            whether a load is zero, so that relative values refer to its amplitude, then in `reference`
     claims          calibration of σ, the decisive one first
     benefit         comparison with random layouts of the same size
     withheld        whether σ is withheld because a parameter is outside its range; std and smoothed_std are None
@@ -63,7 +63,7 @@ class Unknown:
     name: str
     unit: str
     kind: Literal["input", "parameter"]
-    guess: float
+    reference: float = math.nan
     truth: float | None = None
     estimate: float | None = None
     error: float | None = None

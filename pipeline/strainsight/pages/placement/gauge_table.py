@@ -97,8 +97,16 @@ def names_without(report: PlacementReport) -> list[str]:
 
 def expected_with_all(report: PlacementReport, names: Sequence[str]) -> list[str]:
     """Cells with the expected σ of these unknowns with all gauges, empty if unknown."""
-    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
-    return [share(sigma[name]) for name in names] if any(sigma[name] is not None for name in names) else []
+    sigma = {unknown.name: unknown for unknown in report.unknowns if unknown.expected_std is not None}
+    cells = [expected_share(one.expected_std, one.reference, one.unit) for name in names if (one := sigma.get(name))]
+    return cells if len(cells) == len(names) else []
+
+
+def expected_share(std: float | None, reference: float, unit: str) -> str:
+    """Expected σ, relative and in the unit of the unknown, in two lines."""
+    if std is None or not math.isfinite(std) or unit == "1":
+        return share(std)
+    return f"{share(std)}<br>{measure(std * reference, unit, 3)}"
 
 
 def imported(gauges: tuple[Gauge, ...]) -> bool:
@@ -273,14 +281,19 @@ def load_cases_table(report: PlacementReport) -> str:
         return ""
     rows = []
     for i, case in enumerate(cases.name):
-        sigma = [share(float(cases.std[name][i])) if cases.acts[name][i] else "inactive" for name in names]
+        sigma = [
+            expected_share(float(cases.std[name][i]), float(cases.scale[name][i]), unit)
+            if cases.acts[name][i]
+            else "inactive"
+            for name, unit in report.units.items()
+        ]
         rows.append([escape(case), plain(float(cases.weight[i])), plain(float(cases.metric[i])), *sigma])
     expected = [f"expected σ({escape(name)})" for name in names]
     head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
     caption = (
         "The placement minimises the mean or the maximum of the weighted criteria of all load cases. Criterion: value for "
         "the layout in this load case alone. Expected σ: computed with the simulated load history (training simulation) of the "
-        "load case. Expected σ of a load is relative to the amplitude of the load in this case."
+        "load case. Expected σ of a load is relative to the RMS of the load in this case."
     )
     return table("load cases", head, rows, caption=caption, numeric=range(1, len(head)))
 

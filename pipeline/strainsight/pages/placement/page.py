@@ -51,13 +51,6 @@ from strainsight.pages.space.section import space_section
 from strainsight.text import listed, unbroken
 
 
-def denominator(unknown: Unknown) -> str:
-    """Reference of relative errors and σ of an unknown."""
-    if unknown.kind == "parameter":
-        return "true value"
-    return "load amplitude" if unknown.zero else "load RMS"
-
-
 def answer(report: PlacementReport) -> str:
     """First sentences: problems, then number of gauges, expected accuracy, and the weakest unknown."""
     gauges, pool = report.layout.gauges, int(report.trend.count[0])
@@ -68,9 +61,8 @@ def answer(report: PlacementReport) -> str:
     text += f"<strong>{count(len(gauges))} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
     sound = [unknown for unknown in report.unknowns if not faults(unknown)]
     known = [unknown for unknown in sound if _sigma(unknown) is not None]
-    if parts := [f"{escape(one.name)} to within ±{share(_sigma(one))} of the {denominator(one)}" for one in known]:
-        names = dict.fromkeys(_name_of_sigma(unknown) for unknown in known)
-        summary = f"{listed(parts)} ({' or '.join(names)})"
+    if parts := [f"{escape(one.name)} to within ±{share(_sigma(one))}" for one in known]:
+        summary = f"{listed(parts)} (expected σ)"
     else:
         summary = listed([escape(unknown.name) for unknown in sound])
     text += f" estimate{'s' if len(gauges) == 1 else ''} {summary}." if summary else "."
@@ -88,18 +80,12 @@ def _worst_cases(report: PlacementReport) -> str:
     parts = listed([f"{escape(one.name)} ±{share(one.expected_std)} in {escape(one.worst_case)}" for one in worst])
     many = len(report.load_cases.name)
     cases = f"{count(many)} load case{'s' * (many > 1)}"
-    return f" Largest expected σ of the estimates over {cases} (loads: relative to the amplitude): {parts}."
+    return f" Largest expected σ of the estimates over {cases}: {parts}."
 
 
 def _sigma(unknown: Unknown) -> float | None:
-    """σ to show first: of the filter if it ran, else expected by the placement."""
-    if unknown.withheld:
-        return None
-    return unknown.expected_std if unknown.std is None else unknown.std
-
-
-def _name_of_sigma(unknown: Unknown) -> str:
-    return "expected σ" if unknown.std is None else "claimed σ"
+    """σ of the layout, expected by the placement."""
+    return None if unknown.withheld else unknown.expected_std
 
 
 def _tile(unknown: Unknown) -> str:
@@ -111,13 +97,13 @@ def _tile(unknown: Unknown) -> str:
     else:
         value = "σ withheld" if unknown.withheld else f"± {share(sigma)}"
     rows = [
-        (f"± {_name_of_sigma(unknown)}", f"of the {denominator(unknown)}" if sigma is not None else "–"),
+        ("± expected σ", "–" if sigma is None else measure(sigma * unknown.reference, unknown.unit, 3)),
         ("true RMS" if load else "true value", measure(unknown.truth, unknown.unit)),
         ("estimated RMS", measure(unknown.estimate if load else None, unknown.unit)),
         ("error in the simulated test", share(unknown.error)),
         ("error of the smoothed estimate", share(unknown.smoothed_error if load else None)),
-        ("amplitude of the load", measure(unknown.guess if unknown.zero else None, unknown.unit)),
-        ("expected σ", share(None if unknown.std is None else unknown.expected_std)),
+        ("amplitude of the load", measure(unknown.reference if unknown.zero else None, unknown.unit)),
+        ("claimed σ in the simulated test", share(unknown.std)),
         ("load case with the largest expected σ", escape(unknown.worst_case) or "–"),
     ]
     return tile(f"{escape(unknown.name)}, {'load' if load else 'parameter'}", value, rows, _mark(unknown))
@@ -192,7 +178,7 @@ def _observable(report: PlacementReport) -> list[str]:
         if case.lost:
             lost.setdefault(frozenset(case.unknowns), []).append(case)
     excitations = {case.excitation for case in report.cases}
-    hidden = [unknown.name for unknown in report.unknowns if math.isinf(_sigma(unknown) or 0.0)]
+    hidden = [one.name for one in report.unknowns if math.inf in (one.std, one.expected_std)]
     known = []
     if hidden:
         names_hidden = listed([escape(name) for name in hidden])
@@ -258,10 +244,11 @@ def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
 
 
 FOOTER = (
-    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or to the true RMS of a "
-    "load (if this RMS is zero: to the configured amplitude). Errors and σ of loads omit the first tenth of the run. "
-    "Claimed σ: computed by the filter. Smoothed: estimate of the smoother. Expected σ: predicted by the placement for "
-    "the filter. Steady-state σ: only for ranking layouts."
+    "σ is one standard deviation. Expected σ: predicted by the placement for the filter, relative to the guess of a "
+    "parameter or to the RMS of a load in the training simulation. Claimed σ: computed by the filter in the simulated test; it "
+    "and errors are relative to the true value of a parameter or to the true RMS of a load. If the RMS of a load is zero, its "
+    "configured amplitude is the reference. Errors and σ of loads omit the first tenth of the run. Smoothed: estimate of the "
+    "smoother. Steady-state σ: only for ranking layouts."
 )
 
 RANDOM = markup.titled(

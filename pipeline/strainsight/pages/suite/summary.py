@@ -17,6 +17,7 @@ from strainsight.pages.page.markup import (
     count,
     grouped_table,
     links,
+    measure,
     plain,
     result_mark,
     share,
@@ -296,9 +297,13 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
     names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
     text = f"<strong>not estimated</strong> (run ends after stage {escape(run.reached)}){': ' * bool(run.note)}{escape(run.note)}"
     known = [unknown for unknown in run.unknowns if unknown.expected_std is not None]
-    if expected := ", ".join(f"{escape(unknown.name)} ± {share(unknown.expected_std)}" for unknown in known):
+    if expected := ", ".join(f"{escape(one.name)} ± {share(one.expected_std)} ({_absolute(one)})" for one in known):
         text += f"<br>expected σ: {expected}"
     return block(heading, [[cell(names), f'<td class="v" colspan="{len(MEASURED)}">{text}</td>']], once)
+
+
+def _absolute(unknown: Unknown) -> str:
+    return measure((unknown.expected_std or 0.0) * unknown.reference, unknown.unit, 3)
 
 
 def _cells(result: Result) -> list[str]:

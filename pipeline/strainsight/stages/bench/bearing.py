@@ -68,7 +68,7 @@ def _tables(cases: list[LoadedBearing]) -> tuple[Table, ...]:
             (name, *(f"{value:.{digits}g} {unit}".rstrip() for value, unit, digits in cells))
             for name, cells in case_rows(case)
         ]
-        tables.append(Table(case.title, CASE_HEAD, tuple(rows)))
+        tables.append(Table(case.title, CASE_HEAD, tuple(rows), answer=True))
         force, angle = case.state.force, np.rad2deg(case.state.contact_angle)
         rows_of_balls = [
             (
@@ -90,4 +90,4 @@ def _tables(cases: list[LoadedBearing]) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-BEARING = Stage("bearing", version=3, reads=("name", "bearings", "cases", "curves"), upstream=(), files=(), run=run)
+BEARING = Stage("bearing", version=4, reads=("name", "bearings", "cases", "curves"), upstream=(), files=(), run=run)

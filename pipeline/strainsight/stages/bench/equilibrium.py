@@ -53,7 +53,7 @@ def statics(context: Context[BenchConfig]) -> Output:
             tuple(loads),
         ),
         Table("drives [N or N m]", ("drive", "force"), tuple(drives)),
-        Table("bearings", ("bearing", "highest contact pressure"), tuple(rings)),
+        Table("bearings", ("bearing", "highest contact pressure"), tuple(rings), answer=True),
         *warnings_table([*overloaded(config, pressed), *unstable]),
     )
     state = f"unstable, growth rate {rest.growth:.3g} 1/s" if unstable else "stable"
@@ -120,5 +120,5 @@ def _arrays(record: Coupled) -> bytes:
 
 
 READS = ("bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate")
-STATICS = Stage("statics", version=3, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=statics)
+STATICS = Stage("statics", version=4, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=statics)
 MODES = Stage("modes", version=3, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=modes)

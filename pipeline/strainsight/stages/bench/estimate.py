@@ -41,7 +41,7 @@ def _other_bench(context: Context[object]) -> Simulated | None:
 
 ESTIMATE = Stage(
     "estimate",
-    version=18,
+    version=19,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=(*HISTORIES, "estimate.measured.from", "estimate.measured.file"),

@@ -20,7 +20,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=22,
+    version=23,
     reads=(
         "seed",
         "bodies",

@@ -17,7 +17,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 SIMULATE = Stage(
     "simulate",
-    version=5,
+    version=6,
     reads=("bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate"),
     upstream=("import", "reduce"),
     files=HISTORIES,

@@ -34,7 +34,7 @@ from strainsight.records.validated import RandomSetErrors as Drawn
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.stage import Context
-from strainsight.stages.pages.page_layout import layout_of_page, listed_gauges, measured, placed_scale, placed_size
+from strainsight.stages.pages.page_layout import expected_sigma, layout_of_page, listed_gauges, measured
 from strainsight.text import capital, listed, number
 
 STAGES = ("import", "rom", "train", "screen", "place", "validate")
@@ -160,18 +160,18 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> data.Unknown
     truth, out_of_range, repeats = validated.truth[name], "out_of_range" in summary, repeated(name, validate)
     number = {key: float(summary[f"{key}.{name}"]) for key in ("estimate", "error", "smoothed")}
     std, smoothed_std = (None if out_of_range else float(summary[f"{key}.{name}"]) for key in ("std", "smoothed_std"))
-    identified = summary.get(f"identified.{name}") is not False
+    identified, (expected, reference) = summary.get(f"identified.{name}") is not False, expected_sigma(name, place)
     return data.Unknown(
         name=name,
         unit=unit_of(validated, "estimate", name),
         kind=kind,
-        guess=placed_scale(name, place),
         truth=float(truth[-1]) if kind == "parameter" else rms(truth),
         estimate=number["estimate"],
         error=number["error"],
         std=std,
         smoothed_error=number["smoothed"],
-        expected_std=placed.expected_std[name] / placed_size(name, up),
+        expected_std=expected,
+        reference=reference,
         worst_case="" if placed.by_case is None else placed.by_case.worst[name],
         zero=bool(summary.get(f"zero.{name}", False)),
         smoothed_std=smoothed_std,

@@ -26,18 +26,14 @@ from strainsight.runner.artefact import Artefact
 
 
 def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> PictureLayout:
-    place, placed = up["place"], read(Placed, up["place"])
+    placed = read(Placed, up["place"])
     candidates, layout = read(Training, up["train"]).candidates, listed_gauges(up)
-    # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
-    without = {
-        name: values * placed_scale(name, place) / placed_size(name, up) for name, values in placed.without.items()
-    }
     notes, row = notes_at_gauges(placed.at_gauges, len(layout.labels)), placed.final.gauge
     nodes = candidates.nodes[candidates.first[placed.final.number]]
     gauges = tuple(
         replace(
             gauge,
-            without={name: float(values[i]) for name, values in without.items()},
+            without={name: float(values[i]) for name, values in placed.without.items()},
             nodes=tuple(int(mesh.node_ids[n]) for n in nodes[i] if n >= 0),
             peak=float(layout.peak[i]),
             most=float(layout.most[i]) if gauge.arms else None,
@@ -187,14 +183,6 @@ def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray
     return mesh.position[np.isin(mesh.node_ids, mesh.node_sets[entry.set])].mean(axis=0), direction
 
 
-def placed_scale(name: str, place: Artefact) -> float:
-    """What place.h5 has an unknown relative to: a parameter's guess, an input's amplitude."""
-    return float(place.attributes(f"/expected_std/{name}")["scale"])
-
-
-def placed_size(name: str, up: Mapping[str, Artefact]) -> float:
-    """What the page shows expected σ relative to, as everything of the unknown: to its truth, or before it was validated to its
-    scale at placement; with load cases to its scale in the worst one, of which there is no truth."""
-    if "validate" not in up or read(Placed, up["place"]).by_case is not None:
-        return placed_scale(name, up["place"])
-    return float(up["validate"].summary[f"scale.{name}"])
+def expected_sigma(name: str, place: Artefact) -> tuple[float, float]:
+    """Relative σ expected at placement, and its reference [unit]."""
+    return float(place.summary[f"std.{name}"]), float(place.attributes(f"/expected_std/{name}")["scale"])

@@ -391,7 +391,7 @@ def unknowns_table(
         title = "estimates of the unknowns after settling" if in_test else "estimates of the unknowns"
     width = max((len(row) for row in rows), default=2)
     filled = tuple((*row, *[""] * (width - len(row))) for row in rows)
-    return Table(title, ("unknown", "consistency", *[""] * (width - 2)), filled)
+    return Table(title, ("unknown", "consistency", *[""] * (width - 2)), filled, answer=True)
 
 
 def offsets_table(record: BenchEstimated, units: Mapping[str, str]) -> tuple[Table, ...]:

@@ -66,12 +66,12 @@ def placement_output(
         advice = (EXACT, *advice)
     placement = replace(placement, advice=advice)
     layouts, in_poses = _layouts(placement, subject), subject.in_poses(placement.gauges)
-    of_parameters = parameter_units(config, body.unknowns.free)
+    units = load_units(config, body.loads) | parameter_units(config, body.unknowns.free)
     record = layout_record(
         BenchPlaced,
         placement,
         inputs=inputs,
-        units=(*load_units(config, body.loads).values(), *of_parameters.values()),
+        units=tuple(units.values()),
         candidates=record_from(BenchCandidates, pool.candidates, response=pool.response[0] / subject.scale),
         layouts=layouts,
     )
@@ -89,7 +89,7 @@ def placement_output(
         numbers |= _named("worst_pose", inputs, in_poses.max(axis=0))
         numbers["poses"] = len(in_poses)
     length_unit = config.flexible[body.place.body].mesh.length_unit
-    output = layout_output(placement, record, body.mesh, length_unit, numbers, {}, tuple(tables))
+    output = layout_output(placement, record, body.mesh, length_unit, numbers, {}, units, tuple(tables))
     return replace(output, message=f"{len(pool.candidates)} → {output.message}")
 
 
