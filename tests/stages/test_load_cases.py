@@ -15,6 +15,8 @@ from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.training import runs_of
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
 
 from ..edges.beam import PLACEMENT_CONFIG, TIP, bricks, config_of, finished
 from ..shared import slowly
@@ -251,6 +253,7 @@ def test_a_run_reports_what_is_expected_in_every_case_and_where_it_is_worst(tmp_
     placed = read(Placed, own["place"])
     own_cases = placed.by_case
     assert own_cases.name == ("down", "steering")
+    training, inputs = read(Training, own["train"]), read(Reduced, own["rom"]).model.inputs
     np.testing.assert_array_equal(own_cases.weight, [2.0, 1.0])
     assert own_cases.acts["aside"].tolist() == [False, True]
     for name in ("down", "aside"):
@@ -258,6 +261,10 @@ def test_a_run_reports_what_is_expected_in_every_case_and_where_it_is_worst(tmp_
         assert own_cases.std[name][worst] == own_cases.std[name][own_cases.acts[name]].max()
         expected = own_cases.std[name][worst] * own_cases.scale[name][worst]
         assert placed.expected_std[name] == pytest.approx(expected, rel=1e-12)
+        for i in np.flatnonzero(own_cases.acts[name]):
+            load = training.cases[own_cases.name[i]].load[:, inputs.index(name)]
+            rms = np.sqrt(np.mean(load[int(np.ceil(0.1 * len(load))) :] ** 2))
+            assert own_cases.scale[name][i] == pytest.approx(rms, rel=0.05)
     mean = np.average(own_cases.metric, weights=own_cases.weight)
     assert own["place"].summary["trace_final"] == pytest.approx(mean, rel=1e-10)
     assert own["observe"]["/excitation"].astype(str).tolist() == ["down", "steering"]

@@ -182,15 +182,17 @@ def _kind(quantity: int, channels: int, bridge: bool) -> str:
     return "accelerometer" if quantity == ACCELERATION else "displacement sensor"
 
 
-def gauge_table(listed: GaugeList, mesh: Mesh, without: Mapping[str, np.ndarray], relative: bool) -> Table:
-    """Table of gauge positions [mm] and of σ of each unknown without the gauge; bridge arms have separate lines."""
+def gauge_table(listed: GaugeList, mesh: Mesh, without: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Table:
+    """Table of gauge positions [mm] and of σ of each unknown without the gauge; bridge arms have separate lines.
+
+    units: of the unknowns, empty for relative σ."""
     grids, kinds = listed.grids, listed.bonded.any() or set(listed.kind) != {"strain gauge"}
     edge = 1e3 * line_edges(grids, mesh).distance[:, 0]
     edged = bool(np.isfinite(edge).any())
     on_surface, rows = bool(grids.facet.any()), []
     for i, label in enumerate(listed.labels):
         lines, kind = listed.lines_of(i), listed.kind[i] + ", bonded" * bool(listed.bonded[i])
-        values = [f"{100 * v[i]:.3g} %" if relative else f"{v[i]:.4g}" for v in without.values()]
+        values = [f"{v[i]:.4g} {units[name]}" if units else f"{100 * v[i]:.3g} %" for name, v in without.items()]
         bridge = listed.kind[i] == "bridge"
         for number, line in enumerate(lines if bridge else lines[:1]):
             if number:

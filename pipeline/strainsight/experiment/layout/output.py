@@ -131,7 +131,7 @@ def layout_output(
         },
         message=", ".join(parts),
         tables=(
-            gauge_table(listed, mesh, expected.without, task.relative),
+            gauge_table(listed, mesh, expected.without, {} if task.relative else units),
             sigma_table(expected, units),
             *warnings_table(placement.advice, "advice", answer=True),
             *tables,
