@@ -117,13 +117,16 @@ def init(
         )
         refuse_stated(hints, answers)
         show_facts(hints)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        complete = hints.supports and not (hints.lacking or hints.support_sets)
+        first = first_frequency(hints, template(relative, hints, answers), target.parent) if complete else None
         if interactive:
             answers = ask_answers(hints, answers, find=find is not None)
             if answers.spc is not None:
                 hints = suggestion(deck, answers.spc)
         answers = with_only_load(hints, answers)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        first = first_frequency(hints, template(relative, hints, answers), target.parent)
+        if not complete:
+            first = first_frequency(hints, template(relative, hints, answers), target.parent)
         write_file(target, template(relative, hints, answers, first).encode())
         show_next(target, hints)
 

@@ -122,7 +122,7 @@ def test_load_without_frequency_is_slow_and_says_so(strainsight):
     first = first_frequency(strainsight, "portal")
     assert config("portal").loads["FORCE-3"].signal.frequency <= first / 20
     assert config("portal").train.model == "static"
-    assert "the frequency is assumed: a slow load" in Path("portal.yaml").read_text(encoding="utf-8")
+    assert "# ← assumed: a slow load; [Hz], [N]" in Path("portal.yaml").read_text(encoding="utf-8")
 
 
 def test_unknown_load_has_the_bandwidth_of_its_signal_and_gauges_have_half_a_microstrain(strainsight):
@@ -140,7 +140,7 @@ def test_interactive_asks_for_loads_until_a_blank_line(strainsight):
     said = strainsight("init", "bore.bdf", "-i", answers=answers)
     assert "load 3 (number" in said
     assert re.search(r"2 +deck_load FORCE-12 +3000 N along \(0, -1, 0\) at node 9001, \(0, 0, 10\) mm", said)
-    assert re.search(r"natural frequencies: [\d.]+, [\d.]+, [\d.]+ Hz", said)
+    assert re.search(r"FORCE-11 +2000 N.*natural frequencies: [\d.]+, [\d.]+, [\d.]+ Hz.*load 1 \(number", said, re.DOTALL)
     loads = config("bore").loads
     assert list(loads) == ["FORCE-12", "force"]
     assert (loads["FORCE-12"].signal.frequency, loads["FORCE-12"].signal.amplitude) == (3, 3000)

@@ -121,9 +121,10 @@ def load_lines(load: NamedLoad, suggestion: Suggestion, known: bool) -> list[str
     kind = f"type: sine, frequency: {plain(low)}"
     if low < high:
         kind = f"type: multisine, lowest: {plain(low)}, highest: {plain(high)}, count: 10"
-    assumed = "the frequency is assumed: a slow load; " if load.assumed else ""
+    unit = "times the load of the deck" if place is not None and place.factor else "[N]"
+    assumed = "assumed: a slow load; " if load.assumed else ""
     lines.append(
-        f"    signal: {{{kind}, amplitude: {plain(amplitude)}}} # ← [Hz], [N]; {assumed}other types: sweep, csv"
+        f"    signal: {{{kind}, amplitude: {plain(amplitude)}}} # ← {assumed}[Hz], {unit}; other types: sweep, csv"
     )
     if not known:
         model = f"{{model: matern, frequency: {plain(high)}}}"
