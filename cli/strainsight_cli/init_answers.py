@@ -94,11 +94,13 @@ def read_band(option: str, text: str) -> tuple[float, float]:
 
 
 def read_place(option: str, text: str, hints: Suggestion) -> CandidateLocation:
-    """A name of a load or set of the deck, "node 2", or a point of a face, "x, y, z" [m]. Raises UserError for other text."""
-    kind, _, rest = text.strip().partition(" ")
-    kinds, name = (
-        ((kind,), rest.strip()) if kind in ("node", "set", "deck_load") else (("deck_load", "set"), text.strip())
-    )
+    """A load or set of the deck by its name, node "2" or "node 2", or point of a face, "x, y, z" [m]. Raises UserError for other
+    text."""
+    name = text.strip()
+    kind, _, rest = name.partition(" ")
+    kinds: tuple[str, ...] = ("node",) if name.isdecimal() else ("deck_load", "set")
+    if kind in ("node", "set", "deck_load"):
+        kinds, name = (kind,), rest.strip()
     known = [place for place in hints.places if place.kind in kinds]
     if same := [place for place in known if place.name == name]:
         return same[0]
@@ -176,7 +178,8 @@ def ask_loads(hints: Suggestion, chosen: tuple[LoadAnswer, ...]) -> tuple[LoadAn
             along = _ask(question, partial(read_direction, "direction"))
         if size is None:
             default = f"; Enter: {place.force:.4g}" if place.force else ""
-            size = _ask(f"amplitude of the load{name} [N]{default}", partial(read_positive, "amplitude"))
+            unit = "times the load of the deck" if place.factor else "N"
+            size = _ask(f"amplitude of the load{name} [{unit}]{default}", partial(read_positive, "amplitude"))
         if band is None:
             question = f"frequency of the load{name}, or lowest and highest frequency [Hz]; Enter: slow"
             band = _ask(question, partial(read_band, "frequency"))
