@@ -202,3 +202,32 @@ def test_sigma_of_slow_loads_on_a_stiff_part_does_not_depend_on_their_frequency(
         said = strainsight("place", "bore.yaml", "--set", f"name=bore{frequency[0]}", "--set", "screen.keep=15")
         placed.append(float(re.search(r"FORCE-12 ± ([\d.]+) %", said)[1]))
     assert placed[0] == pytest.approx(placed[1], rel=0.02)
+
+
+def test_large_model_gets_a_dynamic_model_with_the_limit_for_static(strainsight, monkeypatch):
+    monkeypatch.setattr("strainsight_cli.init.FEW_NODES", 500)
+    said = strainsight("init", "arm.bdf", "--load", "FORCE-1", "--frequency", "2")
+    assert "natural frequencies: not computed, the model has more than 500 nodes" in said
+    assert config("arm").train.model == "dynamic"
+    assert "use static if the first natural frequency is above 20 Hz" in Path("arm.yaml").read_text(encoding="utf-8")
+
+
+def test_loads_on_two_faces_have_two_names(strainsight):
+    faces = ("--load", "0.75, 0.06, 0.16", "--load", "1.62, 0.06, 0.06")
+    strainsight("init", "arm.bdf", *faces, "--direction", "0 0 -1", "--direction", "1 0 0", "--amplitude", "100")
+    made = config("arm")
+    assert {name: face.near for name, face in made.mesh.faces.items()} == {
+        "loaded": (0.75, 0.06, 0.16),
+        "loaded-2": (1.62, 0.06, 0.06),
+    }
+    assert [(name, load.set, load.direction[2]) for name, load in made.loads.items()] == [
+        ("force", "loaded", -1),
+        ("force-2", "loaded-2", 0),
+    ]
+
+
+@pytest.mark.parametrize(("find", "pool"), [("modulus", 100), ("load", "all")])
+def test_all_candidates_of_a_small_surface_are_kept(strainsight, find, pool):
+    """The arm has 394 facets, between twice the pools of 100 and 300 candidates."""
+    strainsight("init", "arm.bdf", "--estimate", find, "--load", "FORCE-1")
+    assert config("arm").screen.keep == pool
