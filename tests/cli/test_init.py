@@ -9,7 +9,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from strainsight.config.deck_properties import Answers, CandidateLocation, Suggestion
+from strainsight.config.deck_properties import Answers, CandidateLocation, LoadAnswer, Suggestion
 from strainsight.config.load import load_config
 from strainsight.config.template import template
 from strainsight.errors import ConfigError
@@ -52,9 +52,9 @@ def test_missing_answers_are_blank_and_listed(init):
     code, said = init()
     assert code == 0
     assert "fill in the blank lines" in said
-    assert {*blanks()} == {f"loads.force.{key}" for key in ("set", "direction", "signal.frequency", "signal.amplitude")}
+    assert {*blanks()} == {f"loads.force.{key}" for key in ("set", "direction", "signal.amplitude")}
     assert init("--amplitude", "10", "--frequency", "5")[0] == 0
-    assert blanks() == ["loads.force", "loads.force.direction"]
+    assert {*blanks()} == {"loads.force", "loads.force.direction"}
 
 
 def test_unsupported_cards_and_support_sets_are_listed(init):
@@ -83,7 +83,7 @@ def test_a_name_of_the_deck_stays_a_name(sign):
     name = f"a{sign}  evil: 1"
     place = CandidateLocation("set", name, "4 nodes")
     found = Suggestion(places=(place,), unsupported=((name, 1, name),))
-    config = yaml.safe_load(template(f"{name}.inp", found, Answers(load=place)))
+    config = yaml.safe_load(template(f"{name}.inp", found, Answers(loads=(LoadAnswer(place),))))
     assert config["mesh"]["file"] == f"{name}.inp"
     assert config["loads"]["force"]["set"] == name
     assert yaml.safe_load(template("a.inp", found))["loads"]["force"]["set"] is None
@@ -131,14 +131,14 @@ def test_a_deck_of_solids_alone_leaves_material_and_support_blank(init):
 
 
 def test_questions_fill_in_what_options_leave_open(init):
-    code, said = init("-i", answers="1\n0 0\n0 0 -1\n1e3\nfast\n20\nn\n")
+    code, said = init("-i", answers="1\n0 0\n0 0 -1\n1e3\nfast\n20\n\nn\n")
     assert code == 0, said
     assert "'0 0' is not a list of three numbers" in said
     assert "'fast' is not a positive number" in said
     load = load_config("own.yaml").model.loads["force"]
     assert (load.node, load.direction, load.signal.frequency) == (900001, (0, 0, -1), 20)
     assert init("-i", answers="\n\n\n\nn\n")[0] == 0
-    assert {*blanks()} == {f"loads.force.{key}" for key in ("set", "direction", "signal.frequency", "signal.amplitude")}
+    assert {*blanks()} == {f"loads.force.{key}" for key in ("set", "direction", "signal.amplitude")}
 
 
 def test_gravity_and_rotation_loads_of_deck_are_offered(init):
@@ -150,7 +150,7 @@ def test_gravity_and_rotation_loads_of_deck_are_offered(init):
     assert re.search(f"#   {weight}", written)
     assert re.search(r"#   deck_load: LOAD-6 +# rotation at 125.7 rad/s about \(0, 0, 1\), acts on the whole mass", written)
     assert init("--load", "deck_load LOAD-5", "--frequency", "5", text=text)[0] == 0
-    load = load_config("own.yaml").model.loads["force"]
+    load = load_config("own.yaml").model.loads["LOAD-5"]
     assert (load.deck_load, load.factor, load.signal.amplitude, load.direction) == ("LOAD-5", True, 1.0, None)
     done = CliRunner().invoke(app, ["rom", "own.yaml"])
     assert done.exit_code == 0, done.output
@@ -160,7 +160,10 @@ def test_gravity_and_rotation_loads_of_deck_are_offered(init):
     ("options", "what"),
     [
         (("--load", "set tipp"), "the deck has no node set 'tipp'"),
-        (("--load", "somewhere"), "--load  'somewhere' is not a location"),
+        (("--load", "somewhere"), "--load  the deck has no load or set 'somewhere'"),
+        (("--load", "1 2"), "--load  '1 2' is not a list of three numbers"),
+        (("--frequency", "20 5"), "--frequency  '20 5' is not a frequency or a band"),
+        (("--load", "node 5", "--amplitude", "1", "--amplitude", "2"), "--amplitude  2 values for 1 load"),
         (("--direction", "up"), "--direction  'up' is not a list of three numbers"),
         (("--amplitude", "inf"), "--amplitude  'inf' is not a positive number"),
         (("--direction", "0 0 0"), "--direction  '0 0 0' is a vector of length zero"),
@@ -195,9 +198,9 @@ def test_answers_that_end_before_the_questions_write_nothing(init, tmp_path):
 @pytest.mark.parametrize("name", ["1e5", "0x1F", "NULL", "it's", "2"])
 def test_the_name_of_a_set_stays_text(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
-    written = template("a.bdf", Suggestion(), Answers(load=CandidateLocation("set", name, "a set"), direction="[0, 0, 1]"))
+    written = template("a.bdf", Suggestion(), Answers(loads=(LoadAnswer(CandidateLocation("set", name, "a set"), "[0, 0, 1]"),)))
     Path("own.yaml").write_text(
-        written.replace("frequency: , amplitude: ", "frequency: 1.0, amplitude: 1.0"), encoding="utf-8"
+        written.replace("amplitude: }", "amplitude: 1.0}"), encoding="utf-8"
     )
     assert load_config("own.yaml").model.loads["force"].set == name
 

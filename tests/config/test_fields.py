@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from strainsight.config.deck_properties import Answers, CandidateLocation, Suggestion
+from strainsight.config.deck_properties import Answers, CandidateLocation, LoadAnswer, Suggestion
 from strainsight.config.keys import Override, fields_of, put, sections_at
 from strainsight.config.load import KINDS, model_and_check
 from strainsight.config.template import template
@@ -82,7 +82,7 @@ def templates():
     place = CandidateLocation("node", "2", "a node")
     for found in (Suggestion(), Suggestion(several_moduli=True, supports=False, thin=("a",), contact="open")):
         for find in ("modulus", "load"):
-            yield template("part.bdf", found, Answers(find=find, load=place, support=place, axis="[1, 0, 0]"))
+            yield template("part.bdf", found, Answers(find=find, loads=(LoadAnswer(place),), support=place, axis="[1, 0, 0]"))
 
 
 @pytest.fixture(scope="module")

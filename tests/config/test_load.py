@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from strainsight.config.deck_properties import Answers, CandidateLocation
+from strainsight.config.deck_properties import Answers, CandidateLocation, LoadAnswer
 from strainsight.config.load import load_config
 from strainsight.config.suite_runs import runs_of
 from strainsight.config.template import schema_text, template
@@ -194,7 +194,7 @@ def test_every_field_of_the_schema_is_described():
 @pytest.mark.parametrize("deck", ["../parts/hub-7.nas", "ünï it's: #1.bdf"])
 def test_the_template_is_valid_for_any_deck_name(tmp_path, deck):
     path = tmp_path / "own.yaml"
-    told = Answers(load=CandidateLocation("node", "2", "a node"), direction="[0, 0, 1]", amplitude=1e4, frequency=20.0)
+    told = Answers(loads=(LoadAnswer(CandidateLocation("node", "2", "a node"), "[0, 0, 1]", 1e4, (20.0, 20.0)),))
     path.write_text(template(deck, answers=told), encoding="utf-8")
     assert load_config(path).data["mesh"]["file"] == deck
 

@@ -156,7 +156,7 @@ def test_no_candidate_lies_there_and_without_the_line_some_do(init, tmp_path):
 
 
 def test_a_face_that_the_user_has_named_is_not_written_twice(init):
-    own = yaml.safe_load(init(bolted(2), "-i", answers="0.09, 0.09, 0\nn\n"))
+    own = yaml.safe_load(init(bolted(2), "-i", answers="0.09, 0.09, 0\n\nn\n"))
     assert own["mesh"]["faces"] == {"loaded": {"near": [0.09, 0.09, 0]}}
     assert (own["loads"]["force"]["set"], own["gauges"]["exclude"]) == ("loaded", ["loaded"])
 

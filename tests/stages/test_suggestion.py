@@ -87,13 +87,19 @@ BALANCE = "FORCE,5,4,,1.,0.,0.,1.\nFORCE,5,9,,1.,0.,0.,-1."
     ("forces", "loads"),
     [
         (f"FORCE,5,1,,1.,0.,0.,1.\n{FORCES}", [("FORCE-5", True), ("FORCE-7", False)]),  # 1 is held
-        (f"{BALANCE}\n{FORCES}", [("FORCE-7", False)]),
+        (f"{BALANCE}\n{FORCES}", [("FORCE-5", False), ("FORCE-7", False)]),
     ],
 )
-def test_loads_of_the_deck_are_offered_where_they_have_a_resultant(tmp_path, forces, loads):
-    path = deck(tmp_path / "a.bdf", "1000.", "2.1+5", "7.85-9", f"SPC1,1,123,1,2,3\n{forces}")
+def test_loads_of_the_deck_are_offered_with_size_direction_and_place(tmp_path, forces, loads):
+    path = deck(tmp_path / "a.bdf", "1000.", "2.1+5", "7.85-9", f"SPC1,1,123,1,2,3\nSET1,6,4,9\n{forces}")
     assert places(path, "deck_load") == loads
-    assert next(own.force for own in suggestion(path).places if own.name == "FORCE-7") == pytest.approx(5.0)
+    found = {load.name: load for load in suggestion(path).loads}
+    assert found["FORCE-7"].force == pytest.approx(5.0)
+    assert found["FORCE-7"].what == "5 N along (0, 0.6, 0.8) at set SET1-6, centre (500, 500, 1000) mm"
+    if "FORCE,5,1" in forces:
+        assert found["FORCE-5"].what == "1 N along (0, 0, 1) at node 1, (0, 0, 0) mm"
+    else:  # ± 1 N along z at (0, 0, 1) and (1, 1, 1) m
+        assert (found["FORCE-5"].factor, found["FORCE-5"].what.split(" at ")[0]) == (True, "1.414 N m about (-0.707, 0.707, 0)")
 
 
 def test_faces_are_offered_in_metres_whatever_the_unit_of_the_deck(tmp_path):

@@ -14,10 +14,11 @@ class CandidateLocation:
     """A possible location of a load or support.
 
     kind, name   load or set of the deck, id of a node, or point of a face, "[x, y, z]" in m
-    what         description in words
+    what         description in words: size, direction and place of a load, number and centre of nodes, area of a face
     supported    whether the location already has a support
-    force        [N] of a load
-    of_mass      the load acts on all mass; force is its factor
+    force        [N] resultant of a load; 1 with factor
+    factor       the signal is a factor on the load of the deck: without resultant, or on all mass
+    body         the load acts on all mass: gravity or rotation
     lies_on      reason why a face is probably in contact with another part
     picked       criterion for `mesh.faces`, "near: [x, y, z]"
     instead_of   point of an equally likely location: the other side of the same bores
@@ -28,7 +29,8 @@ class CandidateLocation:
     what: str
     supported: bool = False
     force: float | None = None
-    of_mass: bool = False
+    factor: bool = False
+    body: bool = False
     lies_on: str = ""
     picked: str = ""
     instead_of: str = ""
@@ -59,7 +61,9 @@ class Suggestion:
     thin             names of regions of triangles and quadrangles, for a deck without solids and sections
     pairs            contact pairs, "A on B"; contact: possible values of mesh.contact
     matrices         whether CalculiX wrote .sti, .mas and .dof files
+    nodes, facets    number of nodes, and of facets of the surface
     face_at          point in `places` of the face at a point, or the point itself
+    facts            size, materials and supports in words: (item, detail)
     """
 
     length_unit: str = "m"
@@ -81,7 +85,15 @@ class Suggestion:
     contact: Literal["bonded", "open"] | None = None
     pairs: tuple[str, ...] = ()
     matrices: bool = False
+    nodes: int = 0
+    facets: int = 1000
     face_at: Callable[[str], str] = str
+    facts: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def loads(self) -> list[CandidateLocation]:
+        """Loads of the deck."""
+        return [place for place in self.places if place.kind == "deck_load"]
 
     def free(self, name: str) -> str:
         """The name, with a suffix if a set of the deck already has it."""
@@ -91,26 +103,34 @@ class Suggestion:
 
 
 @dataclass(frozen=True)
+class LoadAnswer:
+    """A load: location, direction "[x, y, z]", amplitude [N], lowest and highest frequency [Hz]; None is not answered."""
+
+    place: CandidateLocation | None = None
+    direction: str | None = None
+    amplitude: float | None = None
+    band: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class Answers:
-    """Answers of the user; None is left blank in the config.
+    """Answers of the user; None is left blank in the config, or replaced by a default.
 
     material   E [Pa], ν, ρ [kg/m³], if the deck lacks them
     support    location of the support, for a deck without supports
-    load       location of the load; direction "[x, y, z]", amplitude [N], frequency [Hz]
-    find       unknown: the modulus with a measured load, or the load
+    loads      the loads; one without a location, if it is not answered
+    find       unknown: the modulus with measured loads, or the loads
     axis       direction of the gauges "[x, y, z]"; None: principal strain
+    keep       number of gauges; None: one more than the unknowns, at least four
     spc        active support set
     """
 
     material: tuple[float, float, float] | None = None
     support: CandidateLocation | None = None
-    load: CandidateLocation | None = None
-    direction: str | None = None
-    amplitude: float | None = None
-    frequency: float | None = None
+    loads: tuple[LoadAnswer, ...] = (LoadAnswer(),)
     find: Literal["modulus", "load"] = "modulus"
     axis: str | None = None
-    keep: int = 4
+    keep: int | None = None
     spc: int | None = None
 
 

@@ -13,17 +13,17 @@ from strainsight.config.bench.bodies import BearingConfig
 from strainsight.config.deck_properties import NONE, Answers, CandidateLocation, Suggestion
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.suite import SuiteConfig
+from strainsight.config.template_loads import channels, load_lines, location, named_loads, times, training
+from strainsight.config.template_text import WORDS, escaped, exact, plain, quoted, scientific
 from strainsight.errors import printable
 
-WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
-"""Words that YAML does not read as text."""
 POOL = {"modulus": 100, "load": 300}
 """Candidates for the elimination: for a load, the location of the largest strain is not the best."""
 
 TEMPLATE = """\
 # Where to bond strain gauges on {deck}.
-# Fill in the blank lines marked ←, and check the other marked lines. `strainsight import` lists the lines that are still
-# blank, `strainsight schema` describes every key. SI units unless a comment states another unit.
+# Fill in the blank lines marked ←, and check the other marked lines. `strainsight schema` describes every key. SI units
+# unless a comment states another unit.
 kind: placement
 name: {name}    # results go to results/{name}
 seed: 1                 # of the random number generator
@@ -37,8 +37,7 @@ mesh:
 {parameters}
 # Forces, moments, pressures. List loads with `known: false` under place.estimate.
 loads:
-  force:
-{load}
+{loads}
 damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}; to estimate it: damping_factor
 
 rom:
@@ -47,37 +46,34 @@ rom:
   tolerance: 1.0e-4
 
 train:
-  duration: 1.0                   # ← [s] a few periods of the lowest load frequency
-  time_step: 5.0e-4               # ← [s] 40 steps per period of the highest load frequency
-  # model: static                 # quasi-static, for loads far below the first natural frequency
-
+{training}
 gauges:
   surface: all                    # ← all exterior facets, or the name of a face, element set or node set
 {direction}
-  noise_std: {{relative_to_strongest: 0.01}}                # ← 1 % of the largest reading; or {{value: 1.0e-7}} [strain]
+  noise_std: {{value: 5.0e-7}}      # ← [strain] 0.5 µm/m, noise of an amplifier at 1 / train.time_step samples per second
 {type}  # clearance: 0.005              # [m] to edges, supports and loads, or none; default: half the carrier diagonal
   # allow: [enclosed]             # places to keep that are excluded by default: enclosed, bores, loaded
 {exclude}
 screen:
-  keep: {pool}                       # number of candidates for the elimination, or all
+  keep: {pool:<25} # number of candidates for the elimination, or all
 {spacing}
 place:
-  estimate: [{unknown}]{pad}             # ← parameters and loads from above
-  keep: {keep}                         # ← number of gauges to bond
+  estimate: {unknowns:<21} # ← parameters and loads from above
+  keep: {keep:<25} # ← number of gauges to bond
   instants: 20                    # instants of the training simulation for the placement
+  search: all                     # bound and layout of all candidates, not only of those that `screen` keeps
   aggregate: mean                 # criterion: mean or worst over the instants
   certificate: true               # compute a bound on the best possible layout
 
 validate:
   truth:
     model: perturbed                   # simulated test with model error: more modes, other damping, misplaced gauges
-{truth}  time_step: 5.0e-4               # [s]
-  duration: 1.0                   # [s]
-  initial_std: {{{unknown}: {initial}}}{pad}        # initial σ, relative to the guess or to the load amplitude
+{truth}{times}  initial_std: {initial:<18} # initial σ, relative to the guess or to the load amplitude
   random_sets: 10                 # number of random layouts for comparison
   noise_factors: [0.1, 5.0]       # other noise levels, relative to noise_std
   repeats: 20                     # runs with other seeds and initial values
 
+{channels}
 report: {{format: html}}
 """
 
@@ -120,48 +116,59 @@ ON_SEATS = """\
   exclude: [                      # zones without gauges; other types: box, cylinder, near_edges, normal_cone (lengths in m)
 {lines}  ]
 """
-LISTED, FACES = 12, 24
-"""Largest numbers of load locations and of faces that a config lists."""
+FACES = 24
+"""Largest number of faces that a config lists."""
 
 
-def template(deck: str, suggestion: Suggestion | None = None, answers: Answers = NONE) -> str:
-    """Config for the deck at `deck` (path relative to the folder of the config); valid when no key is blank."""
+def template(
+    deck: str, suggestion: Suggestion | None = None, answers: Answers = NONE, first: float | None = None
+) -> str:
+    """Config for the deck at `deck` (path relative to the folder of the config); valid when no key is blank. first: first natural
+    frequency [Hz], None if not computed."""
     suggestion = suggestion or Suggestion()
     name = run_name(deck)
     E = suggestion.youngs_modulus or (answers.material[0] if answers.material else None)
     modulus = answers.find == "modulus"
     parameter, value, unit = ("stiffness", 1.0, "") if suggestion.several_moduli else ("E", E, "[Pa] ")
-    unknown = parameter if modulus else "force"
+    loads = named_loads(suggestion, answers, first)
+    unknowns = [parameter] if modulus else [load.name for load in loads]
+    keep = answers.keep or max(4, len(unknowns) + 1)
+    train = training(loads, first)
+    settled = modulus and "model: dynamic" in train
     return TEMPLATE.format(
-        deck=_escaped(deck),
+        deck=escaped(deck),
         name=name,
-        file=_quoted(deck),
+        file=quoted(deck),
         length_unit=suggestion.length_unit,
         mass_unit=suggestion.mass_unit,
         mesh=_mesh(deck, suggestion, answers),
         parameters=_parameters(suggestion, E) if modulus else "parameters: {}\n",
-        load=_load(suggestion, answers),
+        loads="".join(f"{line}\n" for load in loads for line in load_lines(load, suggestion, modulus)),
+        training=train,
         direction=_direction(answers.axis),
         type=_type(suggestion),
         spacing=SPACING if suggestion.gauge_type else OWN_SPACING.format(spacing=0.009),
         exclude=_exclude(suggestion, answers),
-        unknown=unknown,
-        pad=" " * (5 - len(unknown)),
-        keep=answers.keep,
-        pool=POOL[answers.find],
-        truth=TRUTH.format(name=parameter, truth=_number(1.05 * value if value else None), unit=unit)
+        unknowns=f"[{', '.join(unknowns)}]",
+        keep=keep,
+        pool="all" if suggestion.facets <= 2 * POOL[answers.find] else POOL[answers.find],
+        truth=TRUTH.format(name=parameter, truth=scientific(1.05 * value if value else None), unit=unit)
         if modulus
         else "",
-        initial="0.1" if modulus else "1.0",
+        times=times(train),
+        initial=f"{{{', '.join(f'{unknown}: {0.1 if modulus else 1.0}' for unknown in unknowns)}}}",
+        channels=channels(name, loads, keep, modulus, settled) if suggestion.solids else "",
     )
 
 
 def _named(suggestion: Suggestion, answers: Answers) -> dict[str, str]:
     """Faces named by the user: name → point."""
-    return {
-        suggestion.free(role): place.name
-        for role, place in (("held", answers.support), ("loaded", answers.load))
-        if place is not None and place.kind == "face"
+    support = answers.support
+    faces = {suggestion.free("held"): support.name} if support is not None and support.kind == "face" else {}
+    return faces | {
+        load.face: load.answer.place.name
+        for load in named_loads(suggestion, answers)
+        if load.answer.place and load.face
     }
 
 
@@ -256,8 +263,8 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
         )
         lines.append("    shells: {regions: all, thickness: }")
     if suggestion.matrices:
-        dof, sti, mas = (_quoted(f"{deck.rpartition('.')[0]}{ending}") for ending in (".dof", ".sti", ".mas"))
-        at = f", parameter: E, at: {_exact(suggestion.youngs_modulus)}" if suggestion.youngs_modulus else ""
+        dof, sti, mas = (quoted(f"{deck.rpartition('.')[0]}{ending}") for ending in (".dof", ".sti", ".mas"))
+        at = f", parameter: E, at: {exact(suggestion.youngs_modulus)}" if suggestion.youngs_modulus else ""
         lines += [
             "  # CalculiX matrices of the deck, instead of its elements; then remove `region` of the parameter:",
             f"  # matrices: {{numbering: {dof}, stiffness: [{{file: {sti}{at}}}], mass: [{{file: {mas}}}]}}",
@@ -268,12 +275,10 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
         E, nu, rho = answers.material or (None, None, None)
         E, nu = (E, nu) if entry.youngs_modulus is None else (entry.youngs_modulus, entry.poisson_ratio)
         name, regions = f"material-{i + 1}" if i else "material", list(entry.regions)
-        lines.append(
-            MATERIAL.format(name=name, regions=regions, E=_exact(E), nu=_plain(nu, 12), rho=_plain(rho)).rstrip()
-        )
+        lines.append(MATERIAL.format(name=name, regions=regions, E=exact(E), nu=plain(nu, 12), rho=plain(rho)).rstrip())
     if not suggestion.supports:
         on_face = blank or (answers.support is not None and answers.support.kind == "face")
-        support = suggestion.free("held") if on_face else _value(answers.support) if answers.support else ""
+        support = suggestion.free("held") if on_face else location(answers.support) if answers.support else ""
         node = answers.support is not None and answers.support.kind == "node"
         lines.append("  supports:             # missing in the file; for a free structure, use `free: true` instead")
         components = "[1, 2, 3, 4, 5, 6]" if suggestion.thin else "[1, 2, 3]"
@@ -286,77 +291,14 @@ def _parameters(suggestion: Suggestion, E: float | None) -> str:
     region = suggestion.region
     if suggestion.several_moduli:
         return FACTOR.format(region=region)
-    low, high = (_number(0.8 * E), _number(1.2 * E)) if E else ("", "")
-    return PARAMETERS.format(region=region, guess=_exact(E), range=f"[{low}, {high}]" if E else "")
-
-
-def _load(suggestion: Suggestion, answers: Answers) -> str:
-    """Location, direction and time history of a load, and whether it is known."""
-    place = answers.load
-    lines = []
-    if place is None:
-        lines.append("    # ← location of the load, one of")
-        likely = [spot for spot in suggestion.places if spot.kind != "face" and not (spot.supported or spot.of_mass)]
-        lines += [f"    #   {spot.kind}: {_value(spot):<20} # {spot.what}" for spot in likely[:LISTED]]
-        lines.append("    #   set: NAME                 # a name of mesh.faces: the force is distributed over the face")
-        for spot in [spot for spot in suggestion.places if spot.of_mass]:
-            lines.append(f"    #   deck_load: {_value(spot):<14} # {spot.what}; set `factor: true`, omit `direction`")
-        lines.append("    set:")
-    elif place.kind == "face":
-        lines.append(f"    set: {suggestion.free('loaded'):<24} # the face above; the force is distributed over it")
-    else:
-        lines.append(f"    {place.kind}: {_value(place):<20}       # {place.what}")
-        if place.of_mass:
-            lines.append("    factor: true                 # the signal is a factor on the load of the deck")
-    if place is None or place.kind != "deck_load":
-        lines.append(
-            f"    direction: {answers.direction or '':<18} # ← [x, y, z], or instead key `moment`, `bearing` or `pressure`"
-        )
-    amplitude = answers.amplitude if answers.amplitude is not None or place is None else place.force
-    known = "true: measured by a load cell; false: estimated"
-    lines.append(f"    known: {str(answers.find == 'modulus').lower():<22} # ← {known}")
-    signal = f"{{type: sine, frequency: {_plain(answers.frequency)}, amplitude: {_plain(amplitude)}}}"
-    lines.append(f"    signal: {signal}     # ← [Hz], [N]; other types: sweep, multisine, csv")
-    return "".join(f"{line}\n" for line in lines)
+    low, high = (scientific(0.8 * E), scientific(1.2 * E)) if E else ("", "")
+    return PARAMETERS.format(region=region, guess=exact(E), range=f"[{low}, {high}]" if E else "")
 
 
 def _direction(axis: str | None) -> str:
     if axis:
         return f"  direction: {{type: axis, axis: {axis}, angles: [0]}}   # ← axis is projected onto the facet; angles [deg]"
     return "  direction: {type: principal, angles: [0]}   # ← principal strain; or {type: axis, axis: [1, 0, 0], angles: [0]}"
-
-
-def _value(place: CandidateLocation) -> str:
-    return place.name if place.kind == "node" else _quoted(place.name)
-
-
-def _escaped(text: str) -> str:
-    """Text for quotes or a comment, with line breaks such as U+2028 as escapes."""
-    escaped = json.dumps(text, ensure_ascii=False)[1:-1]
-    return "".join(sign if sign.isprintable() else f"\\U{ord(sign):08x}" for sign in escaped)
-
-
-def _quoted(text: str) -> str:
-    """Text as YAML: without quotes if it is a plain word or a path, otherwise as a JSON string, which is valid YAML."""
-    plain = re.fullmatch(r"(\.{0,2}/)?[A-Za-z][A-Za-z0-9_./-]*|(\.\./)+[A-Za-z0-9_./-]+", text)
-    return text if plain and text.lower() not in WORDS else f'"{_escaped(text)}"'
-
-
-def _plain(value: float | None, digits: int = 4) -> str:
-    """A number with four digits in YAML form: 1250.0, 1e-05; empty for None."""
-    return "" if value is None else repr(float(f"{value:.{digits}g}"))
-
-
-def _exact(value: float | None) -> str:
-    """A number with the smallest number of digits, at least four, that represents it exactly; empty for None."""
-    if value is None:
-        return ""
-    texts = (f"{value:.{digits}e}".replace("e+", "e") for digits in range(3, 17))
-    return next(text for text in texts if float(text) == value)
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.3e}".replace("e+", "e")
 
 
 AnyConfig = Annotated[PlacementConfig | BenchConfig | BearingConfig | SuiteConfig, Field(discriminator="kind")]

@@ -66,8 +66,17 @@ MODES = Stage(
 
 ROM = Stage(
     "rom",
-    version=10,
-    reads=(*PARAMETER_KEYS, "parameters.*.guess", *LOAD_KEYS, "damping", "rom", "train.model", *MODEL_KEYS),
+    version=11,
+    reads=(
+        *PARAMETER_KEYS,
+        "parameters.*.guess",
+        *LOAD_KEYS,
+        "damping",
+        "rom",
+        "train.model",
+        "train.time_step",
+        *MODEL_KEYS,
+    ),
     upstream=("import", "modes"),
     files=("parameters.*.guess.from", *MODEL_FILES),
     run=imported("strainsight.stages.rom", "run_rom"),

@@ -8,13 +8,19 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from pydantic import ValidationError
 
+from strainsight.config.checks import problems
 from strainsight.config.deck_properties import CandidateLocation, MissingMaterial, Suggestion
 from strainsight.config.gauges import fitting_type
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.yaml_text import parse
 from strainsight.decks.faults import MISSING_END, short
 from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import ChoiceError, ContactError, StrainsightError, UserError
-from strainsight.experiment.structure.mesh import free_motions
+from strainsight.experiment.structure.mesh import free_motions, mesh_of
+from strainsight.experiment.structure.reduction import modes_of
+from strainsight.experiment.system import silent
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.assigned_sections import GivenSection
 from strainsight.mesh.facets import Facets, exterior_facets
@@ -24,8 +30,11 @@ from strainsight.mesh.properties import without_modulus
 from strainsight.mesh.thin import GeneralShell, Lamina, ShellSection
 from strainsight.mesh.thin_faces import with_faces, with_sides
 from strainsight.mesh.units import to_si, usual_units
+from strainsight.runner.stage import Context
 from strainsight.sensors.access import contact_faces
 from strainsight.sensors.faces import Faces, Pick, faces_of, picked, pointed_at
+from strainsight.stages.import_mesh import looked_at
+from strainsight.text import listed
 
 CHOICES: tuple[Literal["bonded", "open"], ...] = ("bonded", "open")
 
@@ -87,8 +96,83 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
         contact=contact,
         pairs=pairs,
         matrices=all(path.with_suffix(ending).is_file() for ending in (".sti", ".mas", ".dof")),
+        nodes=len(mesh.position),
+        facets=0 if facets is None else len(facets.nodes),
         face_at=str if facets is None or faces is None else _face_at(converted, facets, faces),
+        facts=tuple(_facts(converted)) if units else (),
     )
+
+
+def _facts(mesh: Mesh) -> Iterator[tuple[str, str]]:
+    """Size, elements, materials and supports in words."""
+    size = " × ".join(f"{1000 * length:.4g}" for length in np.ptp(mesh.position[: mesh.own_nodes], axis=0))
+    yield "size", f"{size} mm"
+    kinds = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.elements)
+    yield "elements", ", ".join(part for part in (f"{mesh.own_nodes} nodes", kinds) if part)
+    for material in mesh.materials.values():
+        regions = [region.name for region in mesh.regions.values() if region.material == material.id]
+        values = f"E {1e-9 * material.youngs_modulus:.4g} GPa, ν {material.poisson_ratio:g}"
+        density = "" if material.density is None else f", ρ {material.density:.4g} kg/m³"
+        if regions:
+            yield f"material {material.id}", f"{values}{density}: {listed(regions[:4])}{', …' * (len(regions) > 4)}"
+    held = np.unique(mesh.held)
+    yield "supports", f"{held.size} nodes, {_centre(mesh, held)}" if held.size else "none"
+
+
+def _centre(mesh: Mesh, nodes: np.ndarray) -> str:
+    """Position of a node, or the centre of several."""
+    x = ", ".join(f"{x:.4g}" for x in (1000 * mesh.position[nodes].mean(axis=0)).round(3) + 0.0)
+    return f"{'centre ' * (len(nodes) > 1)}({x}) mm"
+
+
+def _load_place(mesh: Mesh, nodes: np.ndarray) -> str:
+    """Node, set with exactly these nodes, or number of nodes, and their centre."""
+    ids = {*mesh.node_ids[nodes].tolist()}
+    sets = (name for name, members in mesh.node_sets.items() if {*np.asarray(members).tolist()} == ids)
+    name = f"node {min(ids)}" if len(ids) == 1 else next((f"set {name}" for name in sets), f"{len(ids)} nodes")
+    return f"{name}, {_centre(mesh, nodes)}"
+
+
+def _deck_loads(mesh: Mesh, is_supported: np.ndarray) -> Iterator[CandidateLocation]:
+    """Loads of the deck with size, direction and place."""
+    for name, load in mesh.loads.items():
+        total, moment = load.force.sum(axis=0), load.moment
+        force = float(np.linalg.norm(total))
+        if force > 1e-9 * np.abs(load.force).sum():
+            loaded = load.nodes[load.force.any(axis=1)]
+            what = f"{force:.4g} N along {_unit(total)} at {_load_place(mesh, loaded)}"
+            yield CandidateLocation("deck_load", name, what, bool(is_supported[loaded].all()), force)
+        elif load.body:
+            yield CandidateLocation("deck_load", name, _of_mass(load.body), force=1.0, factor=True, body=True)
+        elif len(load.nodes):
+            arm = mesh.position[load.nodes] - mesh.position[load.nodes].mean(axis=0)
+            couple = np.cross(arm, load.force).sum(axis=0) + (0.0 if moment is None else moment.sum(axis=0))
+            size = float(np.linalg.norm(couple))
+            what = f"{size:.4g} N m about {_unit(couple)}" if size else "forces without resultant"
+            what = f"{what} at {_load_place(mesh, load.nodes)}"
+            yield CandidateLocation("deck_load", name, what, bool(is_supported[load.nodes].all()), 1.0, factor=True)
+
+
+COUNT = 3
+"""Number of natural frequencies."""
+
+
+def first_frequencies(text: str, folder: Path) -> tuple[float, ...]:
+    """Lowest natural frequencies [Hz] of the model in the text of a config; folder: that of the config.
+
+    Raises UserError for blank lines in `mesh`, and the errors of the stages import and modes."""
+    data = {key: value for key, value in parse(text).data.items() if key in ("kind", "name", "mesh")}
+    try:
+        config = PlacementConfig.model_validate_json(json.dumps(data | {"rom": {"modes": COUNT}}))
+    except ValidationError:
+        config = None
+    if config is None or list(problems(config)):
+        raise UserError("the section `mesh` has blank lines")
+    path = folder / config.mesh.file
+    mesh = mesh_of(config.mesh, path, base=folder)
+    looked_at(config, mesh)
+    context = Context(config, {}, {"mesh.file": path}, silent)
+    return tuple(modes_of(config, mesh, context).frequency.tolist())
 
 
 def _contact(path: Path, step: int | None) -> Literal["bonded", "open"]:
@@ -172,19 +256,11 @@ def _unit(v: np.ndarray) -> str:
 
 
 def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: str) -> Iterator[CandidateLocation]:
-    """Loads with a resultant or on all mass, reference nodes of ties, node sets, faces.
+    """Loads of the deck, reference nodes of ties, node sets, faces.
     by_which: support set, in the description of a supported face."""
     is_supported = np.zeros(len(mesh.position), dtype=bool)
     is_supported[mesh.held] = True
-    for name, load in mesh.loads.items():
-        force = float(np.linalg.norm(load.force.sum(axis=0)))
-        if force > 1e-9 * np.abs(load.force).sum():
-            loaded = load.nodes[load.force.any(axis=1)]
-            yield CandidateLocation(
-                "deck_load", name, f"load of the deck, resultant {force:.4g} N", bool(is_supported[loaded].all()), force
-            )
-        elif load.body:
-            yield CandidateLocation("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
+    yield from _deck_loads(mesh, is_supported)
     # an average of rotations alone ties a shell to a solid: no load is put there
     ties: list[RigidElement | AveragingElement] = [
         *mesh.rigid,
@@ -192,12 +268,15 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
     ]
     for reference in dict.fromkeys(tie.reference for tie in ties):
         led = [tie for tie in ties if tie.reference == reference]
-        what = f"reference node of {', '.join(map(str, led))}, connected to {sum(len(tie.nodes) for tie in led)} nodes"
+        count, where = sum(len(tie.nodes) for tie in led), _centre(mesh, np.array([reference]))
+        what = f"{where}, reference node of {', '.join(map(str, led))}, connected to {count} nodes"
         yield CandidateLocation("node", str(mesh.node_ids[reference]), what, bool(is_supported[reference]))
     for name, ids in mesh.node_sets.items():
         nodes = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
         if nodes.size:
-            yield CandidateLocation("set", name, f"{nodes.size} nodes", bool(is_supported[nodes].all()))
+            yield CandidateLocation(
+                "set", name, f"{nodes.size} nodes, {_centre(mesh, nodes)}", bool(is_supported[nodes].all())
+            )
     if facets is not None and faces is not None:
         supported = np.asarray((is_supported[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         contact = contact_faces(mesh, facets, faces)

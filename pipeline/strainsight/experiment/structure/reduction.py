@@ -277,7 +277,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
     held_out = held_out_errors(built.model, S, reduction, held_out_samples(reference, ranges, HELD_OUT), watch)
     tried = np.array([[point[name] for name in reference] for point in held_out.theta])
     if config.train.model == "static":
-        model, basis = quasi_static(reduction.model, reduction.basis)
+        model, basis = quasi_static(reduction.model, reduction.basis, config.train.time_step)
         reduction = replace(reduction, model=model, basis=basis)
     free = damping_parameter(config.parameters, using.files)
     shape = np.tensordot(reduction.basis, off, axes=(0, 0))
