@@ -121,7 +121,7 @@ ALONG = np.cos(np.deg2rad(5.0))
 RIM = 3
 """Least number of nodes shared by a bore and the face that it meets, and of supported nodes of a supported bore (a circle)."""
 LEVEL = 1e-6
-"""Largest difference of equal heights, as a share of the size of the part."""
+"""Largest relative difference of equal lengths; of heights, as a share of the size of the part."""
 
 
 @dataclass(frozen=True)
@@ -224,5 +224,5 @@ def on_bores(mesh: Mesh, facets: Facets, faces: Faces, loaded: np.ndarray) -> np
         angle = np.sort(np.arctan2(vector[on] @ np.cross(axis, e1), vector[on] @ e1))
         around = np.diff(angle, append=angle[0] + 2 * np.pi).max() < np.pi - ON
         inside = np.setdiff1d(facets.nodes[on], np.append(facets.nodes[~on], -1))
-        bore[face] = around and (2 * faces.radius[face] < HAND or full[on].any() or holding[inside].any())
+        bore[face] = around and (2 * faces.radius[face] < HAND * (1 - LEVEL) or full[on].any() or holding[inside].any())
     return bore[faces.of]
