@@ -154,17 +154,29 @@ def bores(mesh, loaded=NONE):
     return on_bores(mesh, facets, faces_of(mesh.position, facets), loaded), inner
 
 
-@pytest.mark.parametrize(("radius", "narrow"), [(0.0295, True), (0.0305, False)])
+@pytest.mark.parametrize(("radius", "narrow"), [(0.0295, True), (0.03, False)])
 def test_a_bore_is_excluded_if_no_hand_fits_or_if_it_holds_something(radius, narrow):
-    """60 mm are the limit; at least three nodes are loaded, or supported at one end."""
+    """60 mm are the limit; a pin loads or supports a node inside, the support of an end face only those of a rim."""
     mesh = ring(1, radius)
     found, inner = bores(mesh)
     assert np.count_nonzero(inner) == 24 * 3
     np.testing.assert_array_equal(found, inner & narrow)
     wall = np.flatnonzero(np.abs(np.hypot(*mesh.position[:, :2].T) - radius) < 1e-6)
-    for full in (bores(mesh, wall[:3])[0], bores(held(mesh, np.isin(np.arange(len(mesh.position)), wall[:3])))[0]):
+    inside = wall[np.abs(mesh.position[wall, 2] - 0.015) < 0.014][:1]
+    for full in (bores(mesh, inside)[0], bores(held(mesh, np.arange(len(mesh.position)) == inside))[0]):
         np.testing.assert_array_equal(full, inner)
-    np.testing.assert_array_equal(bores(mesh, wall[:2])[0], inner & narrow)
+    end = mesh.position[:, 2] < 1e-9
+    for rim in (bores(mesh, np.flatnonzero(end))[0], bores(held(mesh, end))[0]):
+        np.testing.assert_array_equal(rim, inner & narrow)
+
+
+def test_a_linear_mesh_without_nodes_inside_a_bore_shows_a_pin_by_a_loaded_facet():
+    mesh = ring(1, 0.04, "hex8", (24, 2, 1))
+    turn = np.arctan2(mesh.position[:, 1], mesh.position[:, 0])
+    wall = np.hypot(*mesh.position[:, :2].T) < 0.0401
+    found, inner = bores(mesh, np.flatnonzero(wall & (np.abs(turn) < 0.3)))
+    assert np.count_nonzero(inner) == 24
+    np.testing.assert_array_equal(found, inner)
 
 
 @pytest.mark.parametrize("part", [0.25, 0.5])

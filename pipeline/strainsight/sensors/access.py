@@ -119,9 +119,9 @@ def room(skin: Skin, candidates: Candidates, reach: float) -> np.ndarray:
 ALONG = np.cos(np.deg2rad(5.0))
 """Cosine of the largest angle between the axis of a bore and the normal of a face that it meets at a right angle."""
 RIM = 3
-"""Least number of nodes shared by a bore and the face that it meets, and of supported or loaded nodes of a bore (a circle)."""
+"""Least number of nodes shared by a bore and the face that it meets, and of supported nodes of a supported bore (a circle)."""
 LEVEL = 1e-6
-"""Largest difference of equal heights, as a share of the size of the part."""
+"""Largest relative difference of equal lengths; of heights, as a share of the size of the part."""
 
 
 @dataclass(frozen=True)
@@ -207,13 +207,14 @@ def _supported_nodes(mesh: Mesh) -> np.ndarray:
 
 
 def on_bores(mesh: Mesh, facets: Facets, faces: Faces, loaded: np.ndarray) -> np.ndarray:
-    """Which facets (f,) lie on a bore that is narrower than `HAND`, or holds a pin or a bolt: at least `RIM` of its nodes are
-    loaded (l,), supported, tied or on springs.
+    """Which facets (f,) lie on a bore that is narrower than `HAND`, or holds a pin or a bolt: all nodes of one of its facets, or
+    one node inside its rims, are loaded (l,), supported, tied or on springs.
 
     Bores are those of `Faces` that go around their axis: their normals leave no gap of 180°, unlike those of a fillet or a
     groove."""
-    holding = constrained_nodes(mesh)
+    holding = np.append(constrained_nodes(mesh), True)  # for −1, no node
     holding[loaded] = True
+    full = np.all(holding[facets.nodes], axis=1)
     vector = facet_vectors(mesh.position, facets)
     bore = np.zeros(len(faces.area), dtype=bool)
     for face in np.flatnonzero(faces.hollow):
@@ -222,7 +223,6 @@ def on_bores(mesh: Mesh, facets: Facets, faces: Faces, loaded: np.ndarray) -> np
         e1 = np.cross(axis, farthest_axis(axis[None])[0])
         angle = np.sort(np.arctan2(vector[on] @ np.cross(axis, e1), vector[on] @ e1))
         around = np.diff(angle, append=angle[0] + 2 * np.pi).max() < np.pi - ON
-        nodes = np.unique(facets.nodes[on])
-        full = np.count_nonzero(holding[nodes[nodes >= 0]]) >= RIM
-        bore[face] = around and (full or 2 * faces.radius[face] < HAND)
+        inside = np.setdiff1d(facets.nodes[on], np.append(facets.nodes[~on], -1))
+        bore[face] = around and (2 * faces.radius[face] < HAND * (1 - LEVEL) or full[on].any() or holding[inside].any())
     return bore[faces.of]

@@ -69,14 +69,15 @@ def ray_tree(position: np.ndarray, facets: Facets) -> RayTree:
 def sees_outside(
     tree: RayTree, facet: np.ndarray, point: np.ndarray, normal: np.ndarray, directions: np.ndarray, least: float = SEEN
 ) -> np.ndarray:
-    """Whether the view factor of the outside from points (k, 3) [m] on facets (k,) with outward normals n (k, 3) is at least:
+    """Whether the view factor of the outside is at least `least` at points (k, 3) [m] on facets (k,) with normals n (k, 3):
 
         F = Σ v (n·d) / Σ (n·d)     over the directions d with n·d > 0
 
     v is 1 if the ray along d meets no other facet, else 0. directions (m, 3) unit."""
     d = np.where(np.abs(directions) < 1e-30, 1e-30, directions)
+    weight = np.maximum(sum(np.multiply.outer(normal[:, c], d[:, c]) for c in range(3)), 0.0)
     boxes, triangles = (tree.low, tree.high, tree.start), (tree.corner, tree.side, tree.owner, tree.margin)
-    return np.asarray(_sees_outside(*boxes, *triangles, point, facet, normal, d, least))  # type: ignore[no-untyped-call]
+    return np.asarray(_sees_outside(*boxes, *triangles, point, facet, d, weight, least))  # type: ignore[no-untyped-call]
 
 
 def unobstructed(skin: Skin, grids: Candidates) -> np.ndarray:
@@ -98,15 +99,16 @@ def all_directions() -> np.ndarray:
 
 @kept()
 def _sees_outside(  # type: ignore[no-untyped-def]
-    low, high, start, corner, side, owner, margin, point, facet, normal, directions, least
+    low, high, start, corner, side, owner, margin, point, facet, directions, weights, least
 ):
     leaves = len(low) // 2
     sees, stack = np.zeros(len(point), np.bool_), np.zeros(64, np.int64)
     for i in range(len(point)):
         x, y, z = point[i]
-        weight = np.maximum(np.sum(directions * normal[i], axis=1), 0.0)
-        wanted, possible = least * weight.sum(), weight.sum()
-        free = 0.0
+        weight, possible, free = weights[i], 0.0, 0.0
+        for w in weight:
+            possible += w
+        wanted = least * possible
         for j in range(len(directions)):
             if weight[j] == 0.0:
                 continue

@@ -62,11 +62,15 @@ def test_it_stands_alone_on_a4_and_has_no_date():
     assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("297mm", "210mm", "0 0 297 210")
     text = sheet_svg(sheet())
     assert not re.search(r"href|url\(|<script|<image|<style|20\d\d-", text)
-    assert "lengths in mm; angles counter-clockwise, viewed from outside" in words
-    _, inside, _ = parts(sheet_svg(sheet(outside=False)))
-    assert not [text for text in inside if "from outside" in text]
-    assert "lengths in mm; angles counter-clockwise, viewed against the normal" in inside
+    assert "lengths in mm; angles counter-clockwise about the normal" in words
     assert {"G1", "strain gauge", "mesh file plate.bdf", "run plate, layout 0123456789ab"} <= set(words)
+
+
+@pytest.mark.parametrize("outside", [True, False])
+def test_views_are_from_outside_only_if_nothing_lies_in_front_of_the_gauge(outside):
+    _, words, _ = parts(sheet_svg(sheet(outside=outside)))
+    assert len([text for text in words if "outside" in text]) == 2 * outside
+    assert any("through the part in front of the gauge" in text for text in words) is not outside
 
 
 def test_dimensions_are_those_of_hand_geometry():

@@ -79,7 +79,8 @@ def _detail(paper: views.Paper, sheet: views.Sheet) -> str:
         reach = max(reach, 1.3 * float(sheet.distance[0]))
     ratio = round_factor(WINDOW[1] / reach / _millimetres(sheet))
     centre = ((COLUMN + views.WIDTH - EDGE) / 2, EDGE + 8 + WINDOW[1])
-    paper.text((COLUMN + 3, EDGE + 4), f"Gauge viewed {sheet.viewed}, {_ratio_text(ratio)}", size=3.0)
+    viewed = "from outside" if sheet.outside else "against the normal"
+    paper.text((COLUMN + 3, EDGE + 4), f"Gauge viewed {viewed}, {_ratio_text(ratio)}", size=3.0)
     views.detail(paper, sheet, centre, WINDOW, ratio * _millimetres(sheet))
     return _ratio_text(ratio)
 
@@ -115,7 +116,7 @@ def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> N
     paper.text((COLUMN + 3, top + 6), sheet.name, size=6.0, bold=True)
     paper.text((right - 3, top + 6), sheet.kind, size=3.4, anchor="end")
     lines = (
-        f"lengths in {sheet.frame.unit}; angles counter-clockwise, viewed {sheet.viewed}",
+        f"lengths in {sheet.frame.unit}; angles counter-clockwise about the normal",
         f"{scales} (printed at 100 % on A4)",
         f"mesh file {short(sheet.deck, 32)}",
         f"run {short(sheet.run, 32)}, layout {sheet.layout}",

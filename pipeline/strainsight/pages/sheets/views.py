@@ -221,11 +221,6 @@ class Sheet:
     front: Projection
     side: Projection
 
-    @property
-    def viewed(self) -> str:
-        """How one looks at the gauge."""
-        return "from outside" if self.outside else "against the normal"
-
 
 def paper_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Right and up (3,) of the view along a normal (3,): z upward, or x to the right if the normal is along z."""
