@@ -258,6 +258,17 @@ def scale_intensity(part: CheckRecord, factor: float) -> CheckRecord:
     return replace(part, model=scaled(part.model), covariance=covariance, turned=turned)
 
 
+def widen_tolerances(part: CheckRecord, factor: float) -> CheckRecord:
+    """The stretch with all tolerances multiplied by a factor."""
+    considered = part.considered
+    wider = {
+        name: factor * value
+        for name in ("D", "E", "offset", "B", "shape", "load_std", "damping", "frequency", "stiffness", "inertia")
+        if (value := getattr(considered, name)) is not None
+    }
+    return replace(part, considered=replace(considered, **wider))
+
+
 def _wider_motion(covariance: np.ndarray, n: int, factor: float) -> np.ndarray:
     """The covariance with σ of the first n states multiplied by a factor."""
     P = covariance.copy()

@@ -200,7 +200,7 @@ CHECK_MODE = (
 
 
 def inspection_in_words(faults: Sequence[Fault], channels: str) -> str:
-    """What to inspect if several faults explain a record equally well; channels: config section of the channels."""
+    """What to inspect if several faults explain a record; channels: config section of the channels."""
     of_gauges = any(not one.of_load and (not one.of_model or one.kind in COMMON) for one in faults)
     of_model = any(one.of_model and one.kind not in COMMON for one in faults)
     places = (
