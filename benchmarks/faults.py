@@ -3,6 +3,7 @@
 Every record has a truth `perturbed` (installation of the gauges, gains, loads and damping drawn from the tolerances), other
 noise, and one fault of one channel drawn from the list, or none. A table says how many were named rightly, were among several
 candidates, were named wrongly, were seen without a name, and were not seen. Numbers do not depend on the machine.
+The parts of `parts.py` have other faults: `"yoke, load"`, `"portal, E"` and so on.
 `--rest SECONDS`: nothing moves for so long before the loads begin, from rest; gauges are as wrong then as later.
 `--seed N`: records 1000 N + 1 and on, of which truth, noise, channel and size are drawn anew. Thresholds were chosen by the
 records of seed 0; those of others say how far they hold where they were not.

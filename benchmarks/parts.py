@@ -65,8 +65,8 @@ def yoke() -> Part:
         cards += [f"CTETRA,{e},1,{','.join(numbers[:6])}", f",{','.join(numbers[6:])}"]
     held = np.flatnonzero(x < 1e-9) + 1
     cards += ["PSOLID,1,1", *(f"SPC1,1,123,{n}" for n in held)]
-    node = number[36, 0, 3]
-    return Part(cards, node, (0, 1, 2), tuple(points[node - 1]), 0.06)
+    loaded = number[36, 0, 3]
+    return Part(cards, loaded, (0, 1, 2), tuple(points[loaded - 1]), 0.06)
 
 
 def portal() -> Part:

@@ -181,7 +181,7 @@ def test_a_fault_of_one_channel_is_named(four, kind):
     assert found.named.fault == fault
 
 
-@pytest.mark.parametrize("factor", [1.25, 0.7])
+@pytest.mark.parametrize("factor", [1.25, 1.5])
 def test_fitted_factor_is_named_with_its_size(four, factor):
     """Of all factors within 12 % it has the largest evidence."""
     model, P, y = four

@@ -258,6 +258,15 @@ def scale_intensity(part: CheckRecord, factor: float) -> CheckRecord:
     return replace(part, model=scaled(part.model), covariance=covariance, turned=turned)
 
 
+def installation_share(record: CheckRecord, grid_run: GridRun) -> np.ndarray:
+    """σ (m,) of the reading of each channel by the tolerances of its gauge, over its RMS reading."""
+    D = record.considered.D[len(record.considered.shape) :]
+    states = grid_run.run.mean[1:, 0][record.sampled, : D.shape[2]]
+    variance = np.einsum("kmi,ij,kmj->m", D, states.T @ states / len(states), D)
+    power = np.mean(grid_run.run.gauge_mean[record.sampled, 0] ** 2, axis=0)
+    return np.sqrt(variance / np.maximum(power, np.finfo(float).tiny))
+
+
 def widen_tolerances(part: CheckRecord, factor: float) -> CheckRecord:
     """The stretch with all tolerances multiplied by a factor."""
     considered = part.considered

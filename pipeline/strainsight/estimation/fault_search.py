@@ -11,9 +11,11 @@ import numpy as np
 
 from strainsight.estimation.decision import SLACK
 from strainsight.estimation.fault_evidence import (
+    STRETCHED,
     CheckRecord,
     ShiftedMode,
     explain_record,
+    installation_share,
     needs_fault_search,
     relative_innovation,
     scale_intensity,
@@ -183,15 +185,14 @@ def search_faults(
         tried += [explain_record(scaled, one.fault, reference.evidence)[0] for one in best]
     # an unknown load that its model describes badly makes other frequencies and damping more likely
     large = not as_it_is.ratio <= BELIEVABLE if record.model.unknowns.inputs else too_large(as_it_is, grid_run)
-    least = _least_evidence(scaled, reference)
-    if large or _convincing(choose_fault(reference.evidence, tried)[1], least):
+    if large or _convincing(choose_fault(reference.evidence, tried)[1], scaled, reference, run):
         tried += _try_model_errors(scaled, reference.evidence)
         hum = None if run is None else explain_hum(scaled, reference, run)
         tried += [] if hum is None else [hum]
     explains = reference.ratio <= BELIEVABLE and np.isfinite(as_it_is.evidence)
     unresolved = UNRESOLVED * (reference.evidence - as_it_is.evidence) if explains else 0.0
     _, candidates = choose_fault(reference.evidence, tried, MARGIN + unresolved, as_it_is.ratio)
-    candidates = _convincing(candidates, least)
+    candidates = _convincing(candidates, scaled, reference, run)
     named = candidates[0] if len(candidates) == 1 else None
     finding = Diagnosis(bool(candidates), as_it_is, check, tuple(tried), named, candidates)
     shifted = shifted_mode(record.model, record.considered, run)
@@ -199,22 +200,23 @@ def search_faults(
     return replace(finding, shifted=shifted, reference=evidence, reference_ratio=ratio)
 
 
-def _least_evidence(record: CheckRecord, reference: Explained) -> float:
-    """Evidence that a channel fault needs in a record whose innovations are plausible without a fault: better by MARGIN than
-    that of tolerances WIDER times as large. Any, if they are implausible."""
-    if not reference.ratio <= BELIEVABLE:
-        return -np.inf
+def _convincing(
+    candidates: Sequence[Explained], record: CheckRecord, reference: Explained, grid_run: GridRun | None
+) -> tuple[Explained, ...]:
+    """Candidates without channel faults that an imperfect installation shows as well. In a record whose innovations are plausible
+    without a fault, that of a channel has to bring them to the claim, and to be better by MARGIN than tolerances WIDER times as
+    large. A fitted factor has to exceed STRETCHED σ of the installation of its gauge."""
+    if grid_run is None or not reference.ratio <= BELIEVABLE or not any(one.of_channel for one in candidates):
+        return tuple(candidates)
     wider = explain_record(widen_tolerances(record, WIDER), None, reference.evidence)[0]
-    return max(reference.evidence, wider.evidence) + MARGIN
-
-
-def _convincing(candidates: Sequence[Explained], least: float) -> tuple[Explained, ...]:
-    """Without channel faults below `least`, if that is finite, or with innovations above the claim. An imperfect installation
-    makes them as plausible."""
+    least, share = max(reference.evidence, wider.evidence) + MARGIN, installation_share(record, grid_run)
 
     def convincing(one: Explained) -> bool:
-        of_channel = one.fault is not None and bool(one.fault.channels)
-        return not of_channel or not np.isfinite(least) or (one.evidence >= least and one.ratio <= 1 + SLACK)
+        fault = one.fault
+        if fault is None or not one.of_channel:
+            return True
+        small = fault.fitted and abs(np.log(fault.amount)) <= STRETCHED * share[fault.channel]
+        return one.evidence >= least and one.ratio <= 1 + SLACK and not small
 
     return tuple(one for one in candidates if convincing(one))
 

@@ -346,6 +346,10 @@ class Explained:
     point: tuple[float, ...] = ()
 
     @property
+    def of_channel(self) -> bool:
+        return self.fault is not None and bool(self.fault.channels)
+
+    @property
     def turned(self) -> bool:
         return self.fault is not None and self.fault.kind == "angle"
 

@@ -155,7 +155,7 @@ OBSERVE = Stage(
 
 PLACE = Stage(
     "place",
-    version=35,
+    version=36,
     reads=(
         "seed",
         "mesh.length_unit",
@@ -188,7 +188,7 @@ PLACE = Stage(
 
 ESTIMATE = Stage(
     "estimate",
-    version=44,
+    version=45,
     reads=(
         "seed",
         "mesh.point_masses",
@@ -220,7 +220,7 @@ ESTIMATE = Stage(
 
 TEST = Stage(
     "test",
-    version=10,
+    version=11,
     reads=("name", "seed", "loads", "place.estimate", "estimate.virtual"),
     upstream=("import", "rom", "train", "screen", "place", "estimate"),
     files=(),
@@ -238,7 +238,7 @@ SPECTRUM = Stage(
 
 VALIDATE = Stage(
     "validate",
-    version=35,
+    version=36,
     reads=(
         "damping",
         *(
