@@ -55,6 +55,19 @@ def test_what_is_inspected_follows_the_candidates(kinds, places):
     assert inspection_in_words(loads, "estimate.channels") == "Inspect the measurement of the known loads"
 
 
+@pytest.mark.parametrize(("amount", "key"), [(1.2345, ""), (2.0, "set estimate.channels.0.scale: 0.5")])
+def test_only_usual_factors_have_a_scale_to_set(amount, key):
+    """A fitted factor contains the installation of the gauge."""
+    entry = SimpleNamespace(sign=1, scale=1.0, unit="m/m")
+    settings = SimpleNamespace(channels=[entry])
+    record = SimpleNamespace(section="estimate", channels="estimate.channels", inputs="estimate.inputs", settings=settings)
+    texts = FaultInWords(SimpleNamespace(labels=("G1",), record=record), SimpleNamespace(model=MODEL))
+    what, remedy = texts.of(Explained(Fault("scale", 0, amount), 0.0, 1.0, amount))
+    assert what == f"the readings of G1 are {amount:.3g} times as large as expected"
+    assert ("scale:" in remedy) == bool(key)
+    assert key in remedy
+
+
 def test_every_candidate_is_listed_with_its_odds(monkeypatch):
     """Five causes; evidence ln 4 below the best is odds of a quarter."""
     below = (0.0, np.log(4), 1.0, 2.0, np.log(1000))
