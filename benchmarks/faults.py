@@ -21,6 +21,7 @@ from tempfile import TemporaryDirectory
 from unittest.mock import patch
 
 import numpy as np
+from benchmarks.parts import PARTS, write_part
 
 from strainsight import api
 from strainsight.config.estimate import Estimate
@@ -38,8 +39,6 @@ from strainsight.experiment.structure.record_filter import RecordFilter
 from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.trial import Trial, sample_noise, trial_of
 from strainsight.sensors.installation import Installation
-
-from .parts import PARTS, write_part
 
 ROOT = Path(__file__).resolve().parent.parent
 NOISE = 0.01
