@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.estimation.conditional import none_considered
-from strainsight.estimation.fault_evidence import BROAD, CheckRecord, explain_record
+from strainsight.estimation.fault_evidence import BROAD, CheckRecord, explain_record, widen_tolerances
 from strainsight.estimation.fault_search import examine_record, search_faults
 from strainsight.estimation.faults import ANGLES, FORESEEN, Fault, shifted
 from strainsight.estimation.grid_filter import filter_on_grid
@@ -179,6 +179,44 @@ def test_a_fault_of_one_channel_is_named(four, kind):
     found = examine_record(suspect(model, P, forces(LONG), samples))
     assert found.inconsistent
     assert found.named.fault == fault
+
+
+@pytest.mark.parametrize("factor", [1.25, 1.5])
+def test_fitted_factor_is_named_with_its_size(four, factor):
+    """Of all factors within 12 % it has the largest evidence."""
+    model, P, y = four
+    record = suspect(model, P, forces(LONG), broken(factor, y[:, 3])[0])
+    found = examine_record(record).named
+    assert found.fault.family == Fault("scale", 1, factor).family
+    others = found.fault.amount * np.exp([-0.12, -0.06, -0.02, -0.005, 0.005, 0.02, 0.06, 0.12])
+    evidence = [explain_record(record, Fault("scale", 1, other))[0].evidence for other in others]
+    assert found.evidence > max(evidence)
+    assert found.fault.amount == pytest.approx(factor, rel=0.05)
+
+
+def gain_tolerance(model, std):
+    """An independent gain of each of the four gauges."""
+    rows = std * np.einsum("km,mn->kmn", np.eye(4), model.H[:, :5])
+    return replace(none_considered(model), source=("gain",) * 4, D=rows, E=np.zeros((4, 4, 1)), offset=np.zeros((4, 4)))
+
+
+def test_wider_tolerances_are_those_of_other_config(four):
+    model, P, y = four
+    record = suspect(model, P, forces(LONG), y[:, 0])
+    wider = widen_tolerances(replace(record, considered=gain_tolerance(model, 0.01)), 3.0)
+    expected = explain_record(replace(record, considered=gain_tolerance(model, 0.03)), None)[0].evidence
+    assert explain_record(wider, None)[0].evidence == pytest.approx(expected, abs=1e-6)
+
+
+def test_gauges_outside_their_tolerances_are_not_accused(four):
+    """Gains that are 2 to 4 σ wrong in four gauges, and a channel 25 % high."""
+    model, P, y = four
+    record = replace(suspect(model, P, forces(LONG), y[:, 3]), considered=gain_tolerance(model, 0.01))
+    poor = examine_record(replace(record, samples=y[:, 3] * [1.03, 0.97, 1.03, 0.96]))
+    assert not poor.inconsistent
+    assert poor.candidates == ()
+    high = examine_record(replace(record, samples=y[:, 3] * [1.0, 1.25, 1.0, 1.0]))
+    assert high.named.fault.family == Fault("scale", 1, 1.25).family
 
 
 STRAIN = np.array([[1.0, 0.0], [-0.3, 0.2], [0.4, 1.1]])

@@ -11,15 +11,19 @@ from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.fault_evidence import explain_record
 from strainsight.estimation.fault_search import examine_record
 from strainsight.estimation.faults import (
+    FITTED,
     FORESEEN,
     Explained,
     Fault,
     approximate_density,
+    as_factor,
     at_limit,
     check_channels,
     choose_fault,
     dead_density,
     find_delay,
+    find_factor,
+    find_temporary_faults,
     shifted,
     undo_fault,
 )
@@ -129,6 +133,11 @@ def hypothesis(kind, evidence, ratio=1.0, channel=0, amount=0.0):
         ([hypothesis("late", 0, amount=3), hypothesis("late", -2, amount=4)], "late"),
         ([hypothesis("sign", 0), hypothesis("sign", -1, channel=1)], None),
         ([hypothesis("sign", -np.inf)], None),
+        ([hypothesis("scale", 0, amount=1.26), hypothesis("scale", -3, amount=1.24)], "scale"),
+        # a rotation with smaller innovations excludes neither polarity nor swap
+        ([hypothesis("sign", 0, ratio=1.3), hypothesis("angle", -5, amount=90.0)], None),
+        ([hypothesis("swapped", -5, ratio=1.3, amount=1), hypothesis("angle", 0, amount=75.0)], None),
+        ([hypothesis("sign", -50), hypothesis("angle", 0, amount=90.0)], "angle"),
         ([], None),
     ],
 )
@@ -136,6 +145,51 @@ def test_unique_fault_is_named(found, named):
     best, candidates = choose_fault(-1000, found)
     assert (best.fault.kind if best else None) == named
     assert best is None or best in candidates
+
+
+def test_rotations_are_listed_after_other_faults():
+    _, candidates = choose_fault(-1000, [hypothesis("angle", 0, amount=90.0), hypothesis("sign", -5, ratio=1.3)])
+    assert [one.fault.kind for one in candidates] == ["sign", "angle"]
+
+
+@pytest.mark.parametrize(
+    ("before", "ratio", "named"), [(40.0, 3.5, "stuck"), (40.0, 4.5, None), (4.0, 1.6, None), (np.inf, 1.6, None)]
+)
+def test_fault_may_leave_one_per_cent_of_excess_innovations(before, ratio, named):
+    best, _ = choose_fault(-1000, [hypothesis("stuck", 0, ratio)], before=before)
+    assert (best.fault.kind if best else None) == named
+
+
+@pytest.mark.parametrize(("factor", "noise"), [(1.25, 0.01), (0.7, 0.1), (3.0, 1.0)])
+def test_fitted_factor_maximises_density(factor, noise):
+    t = np.arange(400)
+    foreseen, std = np.sin(2 * np.pi * t / 60), np.full(400, 0.05)
+    y = factor * (foreseen + np.hypot(noise, 0.05) * np.random.default_rng(3).standard_normal(400))
+    tried = np.exp(np.linspace(-2, 2, 8001))
+    residual = y / tried[:, None] - foreseen
+    density = -0.5 * np.sum(residual**2, axis=1) / (noise**2 + 0.05**2) - 400 * np.log(tried)
+    assert find_factor(y, foreseen, std, noise).amount == pytest.approx(tried[np.argmax(density)], rel=1e-3)
+
+
+@pytest.mark.parametrize("amount", [1.0, 1.09, 0.92, 2.05, 0.49, 980.0])
+def test_no_factor_is_fitted_near_one_and_near_usual_factors(amount):
+    assert as_factor(0, amount) is None
+
+
+def test_fitted_factor_costs_its_freedom_once():
+    fitted, usual = (undo_fault(Fault("scale", 1, amount), SAMPLES)[1] for amount in (1.25, 2.0))
+    assert fitted == pytest.approx(-60 * np.log(1.25) - FITTED)
+    assert usual == pytest.approx(-60 * np.log(2.0))
+
+
+def test_spikes_stand_out_from_constant_misfit():
+    t = np.arange(400)
+    foreseen = np.sin(2 * np.pi * t / 50)
+    y = 1.1 * foreseen
+    y[[70, 71, 300]] += 9.0
+    faults = {fault.kind: fault for fault in find_temporary_faults(y, foreseen, np.full(400, 0.004), 0.004)}
+    marked = {k for _, first, behind in faults["spikes"].spans for k in range(first, behind)}
+    assert marked == {70, 71, 300}
 
 
 ANY = np.random.default_rng(2)

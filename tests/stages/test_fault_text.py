@@ -55,6 +55,38 @@ def test_what_is_inspected_follows_the_candidates(kinds, places):
     assert inspection_in_words(loads, "estimate.channels") == "Inspect the measurement of the known loads"
 
 
+@pytest.mark.parametrize(("amount", "key"), [(1.2345, ""), (2.0, "set estimate.channels.0.scale: 0.5")])
+def test_only_usual_factors_have_a_scale_to_set(amount, key):
+    """A fitted factor contains the installation of the gauge."""
+    entry = SimpleNamespace(sign=1, scale=1.0, unit="m/m")
+    settings = SimpleNamespace(channels=[entry])
+    record = SimpleNamespace(section="estimate", channels="estimate.channels", inputs="estimate.inputs", settings=settings)
+    texts = FaultInWords(SimpleNamespace(labels=("G1",), record=record), SimpleNamespace(model=MODEL))
+    what, remedy = texts.of(Explained(Fault("scale", 0, amount), 0.0, 1.0, amount))
+    assert what == f"the readings of G1 are {amount:.3g} times as large as expected"
+    assert ("scale:" in remedy) == bool(key)
+    assert key in remedy
+
+
+def test_every_candidate_is_listed_with_its_odds(monkeypatch):
+    """Five causes; evidence ln 4 below the best is odds of a quarter."""
+    below = (0.0, np.log(4), 1.0, 2.0, np.log(1000))
+    causes = [Fault("damping", 0, 3.0), Fault("warming", 0), Fault("gain", 0), Fault("direction", 0), Fault("hum", 0, 50.0)]
+    candidates = tuple(Explained(cause, 100.0 - size, 1.0) for cause, size in zip(causes, below, strict=True))
+    channels = ChannelCheck(*np.ones((4, 2)), by_others=True)
+    finding = Diagnosis(True, Explained(None, 0.0, 5.0), channels, candidates=candidates)
+    check = RecordCheck(finding, SimpleNamespace(model=MODEL), (0, 0, 9.0), (0, 2))
+    monkeypatch.setattr(consistency, "check_record", lambda *_: check)
+    test = SimpleNamespace(labels=("G1", "G2"), time=np.arange(4.0), record=SimpleNamespace(channels="estimate.channels"))
+    result = consistency.check_consistency(test, SimpleNamespace(known=(), model=MODEL.model), None, 0.0, lambda share: None)
+    odds = ["1", "0.25", "0.37", "0.14", "0.001"]
+    assert result.check.candidate == tuple(
+        f"{TEXTS[cause][0]} (odds {each})" for cause, each in zip(causes, odds, strict=True)
+    )
+    assert all(text in result.words for text in result.check.candidate)
+    assert result.named == ""
+
+
 @pytest.mark.parametrize("cause", ["shifted", "pattern"])
 def test_a_cause_of_the_model_is_the_one_message(monkeypatch, cause):
     """Words, `fault` of the summary and candidates of the artefact name it, and no sentence denies it."""

@@ -50,6 +50,22 @@ def test_a_record_that_agrees_ends_with_0_and_its_channels_are_listed(project):
     assert set(found["/channel_check/fault"]) == {""}
 
 
+def test_larger_noise_than_measured_makes_sigma_cautious_and_no_misfit(project):
+    file, factor = project / "results" / "blind" / "measured.csv", 5.0
+    _, _, exact = found_of(project, file)
+    noise = factor * exact["/gauge/noise_std"]
+    larger = [f"estimate.channels.{i}.noise_std={value}" for i, value in enumerate(noise)]
+    code, said, found = found_of(project, file, "--page", *larger)
+    assert (code, bool(found["/trusted"])) == (0, True)
+    ratio = found.summary["innovation_ratio"]
+    assert 1 / ratio > 2
+    assert f"σ is cautious: the innovations are {1 / ratio:.1f} times smaller than expected" in said
+    page = (project / "results" / "blind" / "test.html").read_text(encoding="utf-8")
+    assert "σ is cautious" in page
+    assert 'class="bad"' not in page
+    assert "measurements are inconsistent" not in page
+
+
 @pytest.mark.slow
 def test_a_heavier_structure_is_named_by_the_mode_that_it_moves(tmp_path):
     """Density 30 % above that of the model under an unknown load through resonance: f ∝ 1/√ρ is 12 % lower."""

@@ -11,7 +11,7 @@ import pytest
 
 from strainsight import api
 from strainsight.errors import InfeasibleError
-from strainsight.experiment.layout.advice import best_possible
+from strainsight.experiment.layout.advice import Expectation, _failures, _redundant, best_possible
 from strainsight.experiment.layout.layout import layout_of
 from strainsight.experiment.layout.task import root_of
 from strainsight.experiment.structure.screening import COHERENCE
@@ -25,6 +25,30 @@ from strainsight.placement.score import score
 from ..edges.beam import TIP, bricks, prepared
 from ..placement.conftest import beam_of, last, oracle, scenarios_of
 from ..placement.whole_pools import eliminate
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_redundant_gauges_and_worst_failure_do_not_contradict(seed):
+    """Growths of two σ from 0.1 % to 1000 %: whose failure costs 5 % of any σ is not redundant."""
+    rng, labels = np.random.default_rng(seed), [f"G{i + 1}" for i in range(6)]
+    std = {"a": 0.02, "b": 3.0}
+    growth = {name: 10 ** rng.uniform(-3, 1, 6) for name in std}
+    without = {name: std[name] * (1 + growth[name]) for name in std}
+    words = list(_redundant(labels, [(0, 1, 2), (3, 5)], Expectation(std, without)))
+    named = [{part.strip() for part in text.split(" are redundant")[0].split(",")} for text in words]
+    small = {label for label, a, b in zip(labels, growth["a"], growth["b"], strict=True) if max(a, b) < 0.05}
+    expected = [small & {labels[i] for i in group} for group in ((0, 1, 2), (3, 5))]
+    assert named == [group for group in expected if len(group) > 1]
+    (failure,) = _failures(labels, np.ones(6), std, without)
+    size, worst = re.fullmatch(r"If one gauge fails, σ\(\w\) grows by at most (\S+) % \((G\d)\)\.", failure).groups()
+    assert float(size) < 5 or not any(worst in group for group in named)
+
+
+def test_unobservable_gauges_are_not_redundant():
+    lost = Expectation({"a": 1.0}, {"a": np.array([np.inf, 1.01, np.nan, 1.02])})
+    (sentence,) = _redundant(("G1", "G2", "G3", "G4"), [(0, 1, 2, 3)], lost)
+    assert sentence.startswith("G2, G4 are redundant")
+    assert sentence.endswith("every σ grows by less than 5 %.")
 
 
 def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_report_what():

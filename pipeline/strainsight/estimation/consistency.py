@@ -83,13 +83,16 @@ def check_innovations(whitened: np.ndarray) -> InnovationCheck:
     correlation = float(whiteness(whitened.reshape(len(whitened), -1)))
     large, small = size.result == OVERCONFIDENT, size.result == TOO_CAUTIOUS
     positive, negative = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
-    by = (
-        f"{ratio:.1f} times as large as" if large else f"{1 / ratio:.1f} times smaller than" if small else "as large as"
-    )
+    if small:
+        lower = NOISE if positive else PROCESS if negative else f"{NOISE} or {PROCESS}"
+        text = (
+            f"σ is cautious: the innovations are {1 / ratio:.1f} times smaller than expected from the configured noise, so "
+            f"σ may be too large by up to this factor. The measurements are consistent with the model; to reduce σ, lower {lower}"
+        )
+        return InnovationCheck(ratio, size.band, correlation, chance, True, text)
+    by = f"{ratio:.1f} times as large as" if large else "as large as"
     finding = f"the innovations are {by} expected from the configured noise"
     advice = CHECK if large or positive or negative else ""
-    if small:
-        advice = f"lower {NOISE if positive else PROCESS if negative else f'{NOISE} or {PROCESS}'}"
     if positive:
         finding += (
             f", and successive innovations are correlated ({correlation:.2f}): the estimates follow the measurements too slowly, "

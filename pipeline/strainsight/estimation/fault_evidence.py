@@ -258,6 +258,26 @@ def scale_intensity(part: CheckRecord, factor: float) -> CheckRecord:
     return replace(part, model=scaled(part.model), covariance=covariance, turned=turned)
 
 
+def installation_share(record: CheckRecord, grid_run: GridRun) -> np.ndarray:
+    """σ (m,) of the reading of each channel by the tolerances of its gauge, over its RMS reading."""
+    D = record.considered.D[len(record.considered.shape) :]
+    states = grid_run.run.mean[1:, 0][record.sampled, : D.shape[2]]
+    variance = np.einsum("kmi,ij,kmj->m", D, states.T @ states / len(states), D)
+    power = np.mean(grid_run.run.gauge_mean[record.sampled, 0] ** 2, axis=0)
+    return np.sqrt(variance / np.maximum(power, np.finfo(float).tiny))
+
+
+def widen_tolerances(part: CheckRecord, factor: float) -> CheckRecord:
+    """The stretch with all tolerances multiplied by a factor."""
+    considered = part.considered
+    wider = {
+        name: factor * value
+        for name in ("D", "E", "offset", "B", "shape", "load_std", "damping", "frequency", "stiffness", "inertia")
+        if (value := getattr(considered, name)) is not None
+    }
+    return replace(part, considered=replace(considered, **wider))
+
+
 def _wider_motion(covariance: np.ndarray, n: int, factor: float) -> np.ndarray:
     """The covariance with σ of the first n states multiplied by a factor."""
     P = covariance.copy()

@@ -9,15 +9,19 @@ from itertools import combinations
 
 import numpy as np
 
+from strainsight.estimation.decision import SLACK
 from strainsight.estimation.fault_evidence import (
+    STRETCHED,
     CheckRecord,
     ShiftedMode,
     explain_record,
+    installation_share,
     needs_fault_search,
     relative_innovation,
     scale_intensity,
     shifted_mode,
     too_large,
+    widen_tolerances,
 )
 from strainsight.estimation.faults import (
     ANGLES,
@@ -29,11 +33,13 @@ from strainsight.estimation.faults import (
     Explained,
     Fault,
     approximate_density,
+    as_factor,
     at_limit,
     check_channels,
     choose_fault,
     dead_density,
     find_delay,
+    find_factor,
     find_temporary_faults,
 )
 from strainsight.estimation.grid_filter import GridRun
@@ -43,8 +49,10 @@ from strainsight.estimation.model_errors import between, further, model_errors
 
 TURNS = 3
 """Angles of a channel, the best by the prediction of the others, that are ranked among its faults."""
-CLOSELY, EACH = 6, 2
-"""Faults evaluated with all tolerances: the best overall, and the best of each channel that may be wrong."""
+CLOSELY, EACH = 6, 3
+"""Faults evaluated with all tolerances: the best overall, and the best kinds of each channel that may be wrong."""
+REFINED, FACTOR_STEPS = 3, (0.06, 0.02)
+"""Channels whose fitted factor is refined, and steps in its logarithm."""
 PAIRS = 5
 """Number of channels of which all pairs are tried as swapped."""
 MOST_SIZES, HALVED = 6, 2
@@ -54,6 +62,8 @@ FASTER = (3.0, 10.0, 30.0, 100.0)
 UNRESOLVED = 0.1
 """Share of the gain in evidence by faster loads that the model of the loads does not resolve: it adds to MARGIN if these loads
 explain the record."""
+WIDER = 2.0
+"""Factor on all tolerances of a sound record: installation and loads may be worse than configured, to second order as well."""
 FAINT, QUIET = 0.2, 2.0
 """A channel may be dead below this share of its prediction, and below this multiple of its noise."""
 FEWEST = 3
@@ -168,23 +178,47 @@ def search_faults(
         tried.append(explain_record(record, fault, as_it_is.evidence)[0])
         progress(0.4 + 0.6 * (k + 1) / len(wanted))
     tried += _extend_delays(record, wanted, tried, as_it_is.evidence)
+    tried += _refine_factors(record, tried, as_it_is.evidence)
     scaled, (reference, run) = _with_likely_intensity(record, (as_it_is, grid_run))
     if scaled is not record:
         best = sorted(tried, key=lambda one: -one.evidence)[:CLOSELY]
         tried += [explain_record(scaled, one.fault, reference.evidence)[0] for one in best]
     # an unknown load that its model describes badly makes other frequencies and damping more likely
     large = not as_it_is.ratio <= BELIEVABLE if record.model.unknowns.inputs else too_large(as_it_is, grid_run)
-    if large or choose_fault(reference.evidence, tried)[1]:
+    if large or _convincing(choose_fault(reference.evidence, tried)[1], scaled, reference, run):
         tried += _try_model_errors(scaled, reference.evidence)
         hum = None if run is None else explain_hum(scaled, reference, run)
         tried += [] if hum is None else [hum]
     explains = reference.ratio <= BELIEVABLE and np.isfinite(as_it_is.evidence)
     unresolved = UNRESOLVED * (reference.evidence - as_it_is.evidence) if explains else 0.0
-    named, candidates = choose_fault(reference.evidence, tried, MARGIN + unresolved)
+    _, candidates = choose_fault(reference.evidence, tried, MARGIN + unresolved, as_it_is.ratio)
+    candidates = _convincing(candidates, scaled, reference, run)
+    named = candidates[0] if len(candidates) == 1 else None
     finding = Diagnosis(bool(candidates), as_it_is, check, tuple(tried), named, candidates)
     shifted = shifted_mode(record.model, record.considered, run)
     evidence, ratio = reference.evidence + unresolved, reference.ratio
     return replace(finding, shifted=shifted, reference=evidence, reference_ratio=ratio)
+
+
+def _convincing(
+    candidates: Sequence[Explained], record: CheckRecord, reference: Explained, grid_run: GridRun | None
+) -> tuple[Explained, ...]:
+    """Candidates without channel faults that an imperfect installation shows as well. In a record whose innovations are plausible
+    without a fault, that of a channel has to bring them to the claim, and to be better by MARGIN than tolerances WIDER times as
+    large. A fitted factor has to exceed STRETCHED σ of the installation of its gauge."""
+    if grid_run is None or not reference.ratio <= BELIEVABLE or not any(one.of_channel for one in candidates):
+        return tuple(candidates)
+    wider = explain_record(widen_tolerances(record, WIDER), None, reference.evidence)[0]
+    least, share = max(reference.evidence, wider.evidence) + MARGIN, installation_share(record, grid_run)
+
+    def convincing(one: Explained) -> bool:
+        fault = one.fault
+        if fault is None or not one.of_channel:
+            return True
+        small = fault.fitted and abs(np.log(fault.amount)) <= STRETCHED * share[fault.channel]
+        return one.evidence >= least and one.ratio <= 1 + SLACK and not small
+
+    return tuple(one for one in candidates if convincing(one))
 
 
 def _with_likely_intensity(
@@ -296,7 +330,11 @@ def _select_faults(record: CheckRecord, left_out: Sequence[PredictedChannel], ch
     ranked.sort(key=lambda one: -one[0])
     wanted = [fault for _, fault in ranked[:CLOSELY]]
     for j in channels:
-        wanted += [fault for _, fault in ranked if fault.channel == j][:EACH]
+        kinds: dict[str, Fault] = {}
+        for _, fault in ranked:
+            if fault.channel == j:
+                kinds.setdefault(fault.kind, fault)
+        wanted += list(kinds.values())[:EACH]
     return list(dict.fromkeys(wanted + [other for fault in wanted for other in fault.neighbours]))
 
 
@@ -318,12 +356,39 @@ def _extend_delays(
     return more
 
 
+def _refine_factors(record: CheckRecord, tried: Sequence[Explained], as_it_is: float) -> list[Explained]:
+    """Factors at the maximum of the evidence, by a parabola through three factors; as_it_is: evidence without a fault."""
+    fitted = [one for one in tried if one.fault is not None and one.fault.fitted and not one.fault.of_load]
+    more: list[Explained] = []
+    for best in sorted(fitted, key=lambda one: -one.evidence)[:REFINED]:
+        for step in FACTOR_STEPS:
+            assert best.fault is not None
+            channel, amount = best.fault.channel, best.fault.amount
+            sides = [
+                explain_record(record, replace(best.fault, amount=amount * np.exp(way * step)), as_it_is)[0]
+                for way in (-1, 1)
+            ]
+            low, high = (one.evidence - best.evidence for one in sides)
+            bend = low + high
+            if not np.isfinite(bend):
+                break
+            ahead = step * (low - high) / (2 * bend) if bend < 0 else step * float(np.sign(high - low))
+            fault = as_factor(channel, amount * float(np.exp(np.clip(ahead, -3 * step, 3 * step))))
+            if fault is None:
+                break
+            best = max([best, explain_record(record, fault, as_it_is)[0]], key=lambda one: one.evidence)
+            more.append(best)
+    return more
+
+
 def _rank_faults(record: CheckRecord, others: PredictedChannel, j: int) -> list[tuple[float, Fault]]:
     """Faults of a channel with their log-density, by the prediction of the others."""
     y, noise = record.samples[:, j], float(record.noise[j])
     if not np.isfinite(others.predicted).all() or not np.isfinite(y).any():
         return []
     faults = [Fault("sign", 0), *(Fault("scale", 0, s) for s in SCALES), Fault("offset", 0), Fault("drift", 0)]
+    factor = find_factor(y, others.predicted, others.std, noise)
+    faults += [] if factor is None else [factor]
     late = find_delay(y, others.predicted, others.std, noise)
     faults += [] if late is None else [late]
     faults += [Fault("clipped", 0)] if at_limit(y).any() else []

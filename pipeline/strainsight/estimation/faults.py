@@ -21,11 +21,17 @@ Kind = (
 
 BELIEVABLE = 1.5
 """RMS of the innovations over the claim up to which a record is consistent with its model."""
+RELIEF = 0.99
+"""Share of the excess of squared innovations whose explanation makes a fault plausible in a record with other model errors."""
 MARGIN, APART = 20.0, 10.0
 """Margins in ln evidence: of a fault over no fault, odds of 5·10⁸, and of the named fault over all others, odds of 2·10⁴. Both
 are far larger than the number of tried faults."""
 SCALES = (0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6)
 """Factors on a channel: half a bridge, two arms for one, units of a thousand and of a million."""
+FEWEST_FACTOR, SAME_FACTOR = 0.1, 0.03
+"""Smallest logarithm of a fitted factor on a channel, and difference from one of SCALES that is not resolved."""
+FITTED = 5.0
+"""Penalty in ln evidence of a fitted factor: its prior density over its accuracy."""
 LOAD_SCALES = (*SCALES, *(f**sense for f in (4.4482216, 9.80665, 4448.2216, 9806.65) for sense in (1, -1)))
 """Factors on a known load: also pounds, kilograms, thousands of both."""
 TURN = 15.0
@@ -46,6 +52,8 @@ PRICE = 25.0
 STEP, DROP = 5.0, 20.0
 """Subtracted from ½z² at each sample, z the residual over its σ; and the decrease of the sum that ends a misfitting part."""
 
+NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a normal number."""
 GRID = 200
 """Instants at which a shift is first searched."""
 MOST_PARTS, LONGEST_PART = 20, 0.2
@@ -87,8 +95,14 @@ class Fault:
     @property
     def family(self) -> tuple[str, int, float, bool]:
         """Key of faults that need the same correction: delays of one channel, rotations of one."""
-        amount = 0.0 if self.of_model or self.kind in ("late", "angle", "shift") else abs(self.amount)
+        sized = self.of_model or self.kind in ("late", "angle", "shift") or self.fitted
+        amount = 0.0 if sized else abs(self.amount)
         return self.kind, self.channel, amount, self.of_load
+
+    @property
+    def fitted(self) -> bool:
+        """Whether this is a factor that was fitted to the record."""
+        return self.kind == "scale" and all(abs(self.amount / s - 1) > 1e-9 for s in LOAD_SCALES)
 
     @property
     def of_model(self) -> bool:
@@ -114,7 +128,8 @@ def undo_fault(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
     corrected, j = samples.copy(), fault.channel
     if fault.kind in ("sign", "scale"):
         corrected[:, j] *= fault.factor
-        return corrected, float(np.isfinite(samples[:, j]).sum()) * float(np.log(abs(fault.factor)))
+        change = float(np.isfinite(samples[:, j]).sum()) * float(np.log(abs(fault.factor)))
+        return corrected, change - FITTED * fault.fitted
     if fault.kind == "swapped":
         corrected[:, fault.channels] = samples[:, fault.channels[::-1]]
     elif fault.kind == "late":
@@ -161,13 +176,17 @@ def find_temporary_faults(samples: np.ndarray, predicted: np.ndarray, std: np.nd
     """Faults of samples (T,) that temporarily deviate from ŷ ± σ (T,): a shifted zero, a stuck channel, outliers."""
     wide, T = np.hypot(std, noise), len(samples)
     residual = samples - predicted
-    parts, faults = find_misfits(residual / wide), []
+    z = residual / wide
+    parts, faults = find_misfits(z), []
     first, behind, size = _find_shift(residual, wide)
     if behind - first > RUN and (first >= RUN or T - behind >= RUN):
         faults.append(Fault("shift", 0, size, spans=((0, first, behind),)))
     still = _longest_constant(samples)
     if still is not None and any(still[0] < behind and first < still[1] for first, behind in parts):
         faults.append(Fault("stuck", 0, 0.0, spans=((0, *still),)))
+    # spikes stand out from what tolerances leave of the other samples
+    usual = float(np.nanmedian(np.abs(z))) / NORMAL_MEDIAN if np.isfinite(z).any() else 1.0
+    parts = find_misfits(z / max(1.0, usual))
     if parts and len(parts) <= MOST_PARTS and sum(behind - first for first, behind in parts) <= LONGEST_PART * T:
         faults.append(Fault("spikes", 0, 0.0, spans=tuple((0, *part) for part in parts)))
     return faults
@@ -292,6 +311,25 @@ def find_delay(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, nois
     return max(tried, key=lambda one: approximate_density(one, samples, predicted, std, noise), default=None)
 
 
+def find_factor(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> Fault | None:
+    """The factor a > 0 of a channel (T,) that is most likely by the prediction ŷ ± σ; None if it is nearly 1 or one of SCALES.
+
+    b = 1/a maximises −½ Σ ((b y − ŷ)/σ)² + n ln b"""
+    both = np.isfinite(samples) & np.isfinite(predicted)
+    y, p = (values[both] / np.hypot(std, noise)[both] for values in (samples, predicted))
+    power, product = float(y @ y), float(y @ p)
+    if not power > 0:
+        return None
+    factor = 2 * power / (product + np.hypot(product, 2 * np.sqrt(len(y) * power)))
+    return as_factor(0, float(factor))
+
+
+def as_factor(channel: int, amount: float) -> Fault | None:
+    """The fault of a fitted factor, rounded; None if it is nearly 1 or one of SCALES."""
+    near = abs(np.log(amount)) < FEWEST_FACTOR or any(abs(np.log(amount / s)) < SAME_FACTOR for s in SCALES)
+    return None if near else Fault("scale", channel, float(f"{amount:.4g}"))
+
+
 @dataclass(frozen=True)
 class Explained:
     """Result for one fault: evidence, ln density of all samples in units of their noise; ratio of innovations to their claim,
@@ -307,22 +345,37 @@ class Explained:
     std: float = 0.0
     point: tuple[float, ...] = ()
 
+    @property
+    def of_channel(self) -> bool:
+        return self.fault is not None and bool(self.fault.channels)
+
+    @property
+    def turned(self) -> bool:
+        return self.fault is not None and self.fault.kind == "angle"
+
+
+def relieves(ratio: float, before: float) -> bool:
+    """Whether innovations that are `before` times the claim without a fault lose RELIEF of their excess ratio² − 1."""
+    return bool(ratio**2 - 1 <= (1 - RELIEF) * (before**2 - 1)) if np.isfinite(before) else False
+
 
 def choose_fault(
-    as_it_is: float, tried: Sequence[Explained], margin: float = MARGIN
+    as_it_is: float, tried: Sequence[Explained], margin: float = MARGIN, before: float = np.inf
 ) -> tuple[Explained | None, tuple[Explained, ...]]:
-    """The one fault that makes the innovations plausible, if no other family does as well, and all that do, best first.
-    as_it_is: evidence without a fault. The evidence of a candidate exceeds that by `margin`, its ratio is plausible, and its
-    evidence is within APART of the best. Plausible is a ratio within SLACK of 1 or of the least of all faults, and at most
-    BELIEVABLE."""
+    """The one fault that makes the innovations plausible, if no other family does as well, and all that do, best first, but
+    rotations last. as_it_is: evidence without a fault; before: ratio without a fault. The evidence of a candidate exceeds that
+    by `margin`, its ratio is plausible, and its evidence is within APART of the best. Plausible is a ratio within SLACK of 1 or
+    of the least of all faults, and at most BELIEVABLE unless it `relieves` the record. Rotations exclude no other fault by
+    their ratio, because they fit by chance most easily."""
     well = [one for one in tried if np.isfinite(one.evidence) and one.evidence - as_it_is >= margin]
-    least = min((one.ratio for one in well), default=np.inf)
-    limit = min(BELIEVABLE, (1 + SLACK) * max(1.0, least))
-    well = sorted((one for one in well if one.ratio <= limit), key=lambda one: -one.evidence)
+    well = [one for one in well if one.ratio <= BELIEVABLE or relieves(one.ratio, before)]
+    least = min((one.ratio for one in well if not one.turned), default=min((one.ratio for one in well), default=np.inf))
+    well = [one for one in well if one.ratio <= (1 + SLACK) * max(1.0, least)]
+    highest = max((one.evidence for one in well), default=-np.inf)
     families: dict[tuple[str, int, float, bool], Explained] = {}
-    for one in well:
+    for one in sorted(well, key=lambda one: (one.turned, -one.evidence)):
         assert one.fault is not None
-        if well[0].evidence - one.evidence < APART:
+        if highest - one.evidence < APART:
             families.setdefault(one.fault.family, one)
     candidates = tuple(families.values())
     return (candidates[0] if len(candidates) == 1 else None), candidates

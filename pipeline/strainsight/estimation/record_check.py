@@ -27,7 +27,7 @@ from strainsight.estimation.fault_evidence import (
     too_large,
 )
 from strainsight.estimation.fault_search import Diagnosis, check_by_others, examine_record
-from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, choose_fault
+from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, choose_fault, relieves
 from strainsight.estimation.grid_filter import GridRun, filter_on_grid
 from strainsight.estimation.load_faults import ResidualPattern, residual_pattern
 
@@ -124,7 +124,10 @@ def _unmodelled_load(part: CheckRecord, fit: Fit, finding: Diagnosis) -> Residua
     inputs = part.model.unknowns.inputs
     samples = int(np.isfinite(part.samples).sum())
     of_model = any(one.fault is not None and one.fault.of_model for one in finding.candidates)
-    explains = of_model or any(not check_ratio(one.ratio, samples).overconfident for one in finding.candidates)
+    explains = of_model or any(
+        not check_ratio(one.ratio, samples).overconfident or relieves(one.ratio, as_it_is.ratio)
+        for one in finding.candidates
+    )
     if grid_run is None or explains or part.samples.shape[1] < len(inputs) + 2:
         return None
     white, innovation = grid_run.run.whitened[part.sampled, 0], grid_run.run.innovation[part.sampled, 0]
@@ -254,6 +257,7 @@ def _has_spikes(finding: Diagnosis) -> bool:
 def innovation_sizes(record: CheckRecord, grid_run: GridRun) -> tuple[np.ndarray, np.ndarray]:
     """Size (T,) of the innovations of all channels over their σ, and each (T, m) over the usual size of its channel."""
     size = np.sqrt(np.nansum(grid_run.run.whitened[record.sampled, 0] ** 2, axis=1))
+    size[0] = 0.0  # no earlier reading predicts the first sample
     innovation = np.abs(np.nan_to_num(grid_run.run.innovation[record.sampled, 0]))
     usual = np.maximum(record.noise, 1.5 * np.median(innovation, axis=0))
     return size, innovation / usual
@@ -295,7 +299,7 @@ def find_spikes(
     if not marked or any(silent[k : k + SILENT].sum() == SILENT for k in np.flatnonzero(silent)):
         return None
     as_stated = fit(without)
-    if needs_fault_search(*as_stated):
+    if needs_fault_search(*as_stated) and not relieves(as_stated[0].ratio, fit(record)[0].ratio):
         return None
     spans = _merge_spans(marked)
     return without, replace(as_stated[0], fault=Fault("spikes", spans[0][0], 0.0, spans=spans))

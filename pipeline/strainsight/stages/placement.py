@@ -167,7 +167,7 @@ OBSERVE = Stage(
 
 PLACE = Stage(
     "place",
-    version=36,
+    version=37,
     reads=(
         "seed",
         "mesh.length_unit",
@@ -200,7 +200,7 @@ PLACE = Stage(
 
 ESTIMATE = Stage(
     "estimate",
-    version=45,
+    version=46,
     reads=(
         "seed",
         "mesh.point_masses",
@@ -232,7 +232,7 @@ ESTIMATE = Stage(
 
 TEST = Stage(
     "test",
-    version=10,
+    version=11,
     reads=("name", "seed", "loads", "place.estimate", "estimate.virtual"),
     upstream=("import", "rom", "train", "screen", "place", "estimate"),
     files=(),
@@ -250,7 +250,7 @@ SPECTRUM = Stage(
 
 VALIDATE = Stage(
     "validate",
-    version=36,
+    version=37,
     reads=(
         "damping",
         *(
@@ -274,7 +274,7 @@ VALIDATE = Stage(
 
 REPORT = Stage(
     "report",
-    version=27,
+    version=28,
     reads=(
         "name",
         "seed",

@@ -158,11 +158,7 @@ def advice(
         *(_weakest(expected.std) if task.relative else ()),
         *best_possible(layout.certificate, task.criterion, task.over, task.sigma),
         *_uneliminated(task, layout),
-        *(
-            f"{', '.join(labels[i] for i in group)} are redundant: their readings in the training simulation "
-            "(stage `train`) are nearly proportional, so together they only average noise."
-            for group in groups
-        ),
+        *_redundant(labels, groups, expected),
         *_failures(labels, loss, expected.std, expected.without),
         *(f"{labels[int(i)]} is already bonded." for i in np.flatnonzero(listed.bonded)),
         *_loads(labels, listed.most / listed.range),
@@ -244,6 +240,19 @@ def _uneliminated(task: Task, layout: OptimisedLayout) -> Iterator[str]:
         f"The optimality bound covers all {every} candidates. The elimination used {entered} of them; {layout.better or 'none'} "
         "of the remaining candidates could improve the layout."
     )
+
+
+def _redundant(labels: Sequence[str], groups: Sequence[tuple[int, ...]], expected: Expectation) -> Iterator[str]:
+    """Gauges with nearly proportional readings, of which any one may fail: every σ then grows by less than WORTH."""
+    growth = np.max([expected.without[name] / std - 1 for name, std in expected.std.items()], axis=0)
+    for group in groups:
+        spare = [i for i in group if growth[i] < WORTH]
+        if len(spare) > 1:
+            yield (
+                f"{', '.join(labels[i] for i in spare)} are redundant: their readings in the training simulation "
+                "(stage `train`) are nearly proportional, and without any one of them every σ grows by less than "
+                f"{100 * WORTH:g} %."
+            )
 
 
 def _failures(

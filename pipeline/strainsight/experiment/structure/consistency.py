@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.estimation.conditional import ConsideredParameters
 from strainsight.estimation.decision import INCONSISTENT
 from strainsight.estimation.fault_evidence import CheckRecord
-from strainsight.estimation.faults import ANGLES, MARGIN
+from strainsight.estimation.faults import ANGLES, APART, MARGIN, Explained
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.peak import find_common_peak
 from strainsight.estimation.record_check import RecordCheck, check_record
@@ -146,7 +146,7 @@ def check_consistency(
     finding, words, channels = check.finding, FaultInWords(test, check.stretch, problem.known), test.record.channels
     named = "" if finding.named is None else ": ".join(words.of(finding.named))
     # with several explanations no key is proposed: a wrong one would hide the fault
-    candidates = (named,) if named else tuple(words.of(one)[0] for one in finding.candidates)
+    candidates = (named,) if named else tuple(_with_odds(words, finding.candidates))
     # in a consistent record a fault that fits slightly better is chance
     best = [finding.best_of(j) if finding.inconsistent else None for j in range(len(test.labels))]
     gain = [0.0 if one is None else one.evidence - finding.without_fault for one in best]
@@ -174,7 +174,8 @@ def check_consistency(
     elif candidates:
         faults = [one.fault for one in finding.candidates if one.fault is not None]
         text = (
-            f". Several causes explain this equally well: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}. "
+            f". Several causes explain this (odds relative to the best; below 1:{np.exp(APART):.0f} omitted): "
+            f"{'; '.join(candidates)}. "
             f"{inspection_in_words(faults, channels)} to find the actual cause"
         )
     else:
@@ -190,6 +191,13 @@ def check_consistency(
         replace(by_channel, candidate=candidates),
         birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0,
     )
+
+
+def _with_odds(words: FaultInWords, candidates: Sequence[Explained]) -> Iterator[str]:
+    """Causes, each with its odds relative to the most likely one."""
+    highest = max((one.evidence for one in candidates), default=0.0)
+    for one in candidates:
+        yield f"{words.of(one)[0]} (odds {np.exp(one.evidence - highest):.2g})"
 
 
 def _worst_in_words(check: RecordCheck, test: Measured) -> str:

@@ -87,6 +87,10 @@ class FaultInWords:
         if fault.kind == "sign":
             check = f"the direction of the load (loads.{name})" if fault.of_load else "the wiring"
             return f"{name} has the opposite sign", f"check {check}, or set {key}.sign: {-entry.sign}"
+        if fault.fitted:
+            what = f"the readings of {name} are {amount:.3g} times as large as expected"
+            # no key: the factor contains the installation errors of the gauge
+            return what, f"check bridge and gauge factor of {key}, and position and direction of the gauge"
         if fault.kind == "scale":
             gauge = 0.1 < amount < 10 and not fault.of_load
             check = "bridge and gauge factor" if gauge else f"{key}.unit (now {entry.unit})"
@@ -200,7 +204,7 @@ CHECK_MODE = (
 
 
 def inspection_in_words(faults: Sequence[Fault], channels: str) -> str:
-    """What to inspect if several faults explain a record equally well; channels: config section of the channels."""
+    """What to inspect if several faults explain a record; channels: config section of the channels."""
     of_gauges = any(not one.of_load and (not one.of_model or one.kind in COMMON) for one in faults)
     of_model = any(one.of_model and one.kind not in COMMON for one in faults)
     places = (

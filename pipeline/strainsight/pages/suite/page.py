@@ -189,7 +189,7 @@ def gauges_section(report: Suite, scenes: Mapping[str, bytes]) -> str:
             shared.setdefault(scenes[run.name], []).append(index)
     shown, more = figures(_picture(report, png, numbers) for png, numbers in shared.items()), ""
     if bodies := [_gauge_rows(index, run, run.layout) for index, run in report.placements if run.layout is not None]:
-        caption = "Gauges close together are redundant: they average noise and can replace each other."
+        caption = "Gauges close together mainly average noise."
         head = ("run", "gauge", "element", *AXES, "nearest gauge", "distance to the nearest gauge")
         numbers = grouped_table("gauges", head, bodies, caption=caption, numeric=(2, 3, 4, 5, 7))
         more = unfolding("All gauges of all runs, with distances to the nearest gauge", numbers)

@@ -1,0 +1,37 @@
+"""Records of a shell frame with one wrong channel, through the check of `estimate`; installation by the default tolerances."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from strainsight.estimation.record_check import check_record
+
+from ..shared import ROOT
+
+sys.path.insert(0, str(ROOT))
+faults = import_module("benchmarks.faults")
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def study():
+    return faults.study_of("portal, load")
+
+
+@pytest.mark.parametrize("number", range(7))
+def test_wrong_channel_is_named_and_no_rotation_alone(study, number):
+    samples, fault = faults.with_fault(study, faults.PART_FAULTS[number], number + 1)
+    finding = check_record(faults.suspect(study, samples), study.tolerances.discrepancy).finding
+    assert faults.outcome(finding, fault) in ("named", "among candidates")
+    assert {one.fault.kind for one in finding.candidates} != {"angle"}
+
+
+@pytest.mark.parametrize("number", range(100, 104))
+def test_sound_record_of_rough_installation_is_not_accused(study, number):
+    sound = faults.record(study, number)
+    assert np.isfinite(sound).all()
+    assert not check_record(faults.suspect(study, sound), study.tolerances.discrepancy).finding.inconsistent
