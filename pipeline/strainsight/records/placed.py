@@ -270,11 +270,12 @@ class Influence:
     signal_to_noise: np.ndarray = dataset(
         "1", "channel", "RMS reading of every channel in the stage `train`, relative to the noise of a sample"
     )
-    condition: float = dataset(
+    condition: float | None = dataset(
         "1",
         "",
         "condition number of the readings of the unknown loads, relative to noise and for the RMS of every load in the stage "
-        "`train`; NaN: fewer than two unknown loads",
+        "`train`; only for two unknown loads or more",
+        default=None,
     )
 
 

@@ -21,7 +21,7 @@ def influence_of(structure: Structure, screened: Screened, channels: np.ndarray)
 
         Φ = R Λ⁻¹ S
 
-    Its condition is that of σ⁻¹ Φ diag(RMS of the loads in training) for the unknown loads; NaN for fewer than two. channels
+    Its condition is that of σ⁻¹ Φ diag(RMS of the loads in training) for the unknown loads; None for fewer than two. channels
     (m,). None for a structure that can move freely, as it has no static response."""
     training, model = structure.training, structure.reduced.model
     lam = np.diag(model.stiffness.at(model.reference))
@@ -38,7 +38,7 @@ def influence_of(structure: Structure, screened: Screened, channels: np.ndarray)
         unit=tuple(structure.config.loads[name].unit for name in model.inputs),
         reading=reading,
         signal_to_noise=training.rms[channels] / std,
-        condition=float(np.linalg.cond(whitened)) if len(unknown) > 1 else np.nan,
+        condition=float(np.linalg.cond(whitened)) if len(unknown) > 1 else None,
     )
 
 
@@ -59,7 +59,7 @@ def influence_table(influence: Influence, listed: GaugeList) -> Table:
         )
     )
     heads = (f"per {unit} of {name}" for name, (_, unit) in zip(influence.load, scales, strict=True))
-    condition = "" if np.isnan(influence.condition) else f"; condition number {influence.condition:.3g}"
+    condition = "" if influence.condition is None else f"; condition number {influence.condition:.3g}"
     columns = ("channel", *heads, "RMS in training over noise")
     return Table(f"{INFLUENCE}{condition}", columns, rows)
 
