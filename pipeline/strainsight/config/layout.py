@@ -207,7 +207,7 @@ class LayoutSettings(Section):
         True,
         description="`true`: exchange single gauges after the backward elimination until no exchange improves the criterion.",
     )
-    search: Search = expert("pool", description=SEARCH)
+    search: Search = Field("pool", description=SEARCH)
     optimise: Literal["metric", "worst_failure"] = expert(
         "metric",
         description="Objective of the search. With `metric`: the criterion of the whole layout. With `worst_failure`: the "
