@@ -273,8 +273,8 @@ class Influence:
     condition: float | None = dataset(
         "1",
         "",
-        "condition number of the readings of the unknown loads, relative to noise and for the RMS of every load in the stage "
-        "`train`; only for two unknown loads or more",
+        "condition number of the readings of the unknown loads, relative to noise and for the reference of σ of every load; "
+        "only for two unknown loads or more",
         default=None,
     )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from strainsight.experiment.layout.gauge_list import GaugeList, channel_labels
@@ -16,13 +18,15 @@ FREE = 1e-9
 """Square of the lowest frequency over that of the highest mode below which a structure has no static response."""
 
 
-def influence_of(structure: Structure, screened: Screened, channels: np.ndarray) -> Influence | None:
+def influence_of(
+    structure: Structure, screened: Screened, channels: np.ndarray, size: Mapping[str, float]
+) -> Influence | None:
     """Static readings per unit of each load at the guess, in the modal coordinates of the reduced model (M = I, K = Λ):
 
         Φ = R Λ⁻¹ S
 
-    Its condition is that of σ⁻¹ Φ diag(RMS of the loads in training) for the unknown loads; None for fewer than two. channels
-    (m,). None for a structure that can move freely, as it has no static response."""
+    Its condition is that of σ⁻¹ Φ diag(size) for the unknown loads; None for fewer than two. channels (m,); size [SI]: of the
+    unknowns. None for a structure that can move freely, as it has no static response."""
     training, model = structure.training, structure.reduced.model
     lam = np.diag(model.stiffness.at(model.reference))
     if lam.min() <= FREE * lam.max():
@@ -30,9 +34,8 @@ def influence_of(structure: Structure, screened: Screened, channels: np.ndarray)
     reading = training.rows[channels] @ (model.input_shape / lam[:, None])
     reading[training.candidates.quantity[channels] == ACCELERATION] = 0.0
     std = screened.noise_std[channels]
-    unknown = [i for i, name in enumerate(model.inputs) if name in structure.config.place.estimate]
-    rms = np.sqrt(np.mean(training.load[:, unknown] ** 2, axis=0))
-    whitened = reading[:, unknown] * rms / std[:, None]
+    unknown = [i for i, name in enumerate(model.inputs) if name in size]
+    whitened = reading[:, unknown] * [size[model.inputs[i]] for i in unknown] / std[:, None]
     return Influence(
         load=tuple(model.inputs),
         unit=tuple(structure.config.loads[name].unit for name in model.inputs),

@@ -132,7 +132,7 @@ def placement_of(
         **vars(replace(placement, advice=advice, listed=noted)),
         problem=subject.problem,
         condition=_worst_observability(placement, subject),
-        influence=influence_of(structure, screened, structure.pool.channels(gauges)),
+        influence=influence_of(structure, screened, structure.pool.channels(gauges), placement.expected.reference),
         hot_spots=hot,
         at_gauges=sites,
         by_case=by_case,
