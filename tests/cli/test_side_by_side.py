@@ -41,7 +41,7 @@ def run(folder: Path, results: str, *options: str):
 
 @pytest.fixture(scope="module")
 def together(folder) -> str:
-    done = run(folder, "together")
+    done = run(folder, "together", "-v")
     assert done.exit_code == 0, done.output
     return done.output
 

@@ -40,7 +40,7 @@ def stage(version=1):
 
 
 def test_a_stage_reaches_what_python_finds_by_parsing_its_imports():
-    found = plan_module.closure(MODES.run.__module__)
+    found = plan_module.closure(MODES.module)
     assert {"strainsight.stages.rom", "strainsight.fem.modes", "strainsight.mesh.model"} <= found
     assert "strainsight.estimation.grid_filter" not in found
     for name in sorted(found)[::5]:
@@ -54,14 +54,14 @@ def test_a_stage_reaches_what_python_finds_by_parsing_its_imports():
 
 
 def test_code_digest_depends_on_imported_modules_only(monkeypatch):
-    before, source = plan_module.code_of(MODES.run), plan_module._source
+    before, source = plan_module.code_of(MODES), plan_module._source
     for module, same in (("strainsight.fem.modes", False), ("strainsight.estimation.grid_filter", True)):
         monkeypatch.setattr(
             plan_module,
             "_digest",
             lambda name, other=module: plan_module.hashlib.sha256(source(name) + b"#" * (name == other)).digest(),
         )
-        assert (plan_module.code_of(MODES.run) == before) is same
+        assert (plan_module.code_of(MODES) == before) is same
 
 
 def test_code_digest_includes_named_modules_and_page_assets():
@@ -80,8 +80,8 @@ def test_artefact_of_other_code_is_up_to_date_with_remark(tmp_path, monkeypatch)
     (status,) = plan([stage()], job)
     assert (status.status, status.reasons) == (UP_TO_DATE, ())
     own = Artefact(job.folder / "toy.h5")
-    assert own.header.code == plan_module.code_of(stage().run)
-    monkeypatch.setattr("strainsight.runner.plan.code_of", lambda run: "another")
+    assert own.header.code == plan_module.code_of(stage())
+    monkeypatch.setattr("strainsight.runner.plan.code_of", lambda stage: "another")
     (status,) = plan([stage()], job)
     assert (status.status, status.reasons) == (UP_TO_DATE, (OTHER_CODE,))
     (event,) = run_stages([stage()], job)

@@ -33,11 +33,11 @@ _PART = re.compile(rb"[\"']((?:\w+/)*\w+\.(?:css|js))[\"']")
 ROOT = Path(strainsight.__file__).parent
 
 
-def code_of(run: Callable[..., object]) -> str:
+def code_of(stage: Stage) -> str:
     """First 16 digits of sha256 over the source of all modules of the package that the function of a stage imports or names, and
     of their styles and scripts. The versions of other packages are in the lock file."""
     sha = hashlib.sha256()
-    for name in sorted(closure(run.__module__)):
+    for name in sorted(closure(stage.module)):
         sha.update(name.encode() + b"\0" + _digest(name))
     return sha.hexdigest()[:16]
 
@@ -229,7 +229,7 @@ def other_code(stage: Stage, artefact: Artefact) -> str:
     """Remark on the code of an artefact; empty if it is the current code."""
     if not artefact.header.code:
         return NO_CODE
-    return "" if artefact.header.code == code_of(stage.run) else OTHER_CODE
+    return "" if artefact.header.code == code_of(stage) else OTHER_CODE
 
 
 def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finished: Mapping[str, Artefact]) -> list[str]:

@@ -309,7 +309,7 @@ def _execute(
         seed=inputs.config.get("seed"),
         resolved={os.path.relpath(path, job.base): file_digest(Path(path)) for path in output.inputs},
         seconds=seconds,
-        code=code_of(stage.run),
+        code=code_of(stage),
     )
     return write_artefact(job.folder / f"{stage.name}.h5", output, header, stage.records)
 

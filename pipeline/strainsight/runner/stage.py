@@ -51,7 +51,7 @@ class Stage:
     files     dotted keys whose values are input files: ("mesh.file", "loads.*.signal.file"), covered by `reads`; keys
               that the config lacks are passed over. A plain name under a key `from` stands for
               results/<that name>/validate.h5, or that of `stage`; under `measured.from` for its simulate.h5
-    run       the function, for one kind of config; `imported` if its module loads kernels
+    run       the function, for one kind of config; `Imported` if its module loads kernels
     records   files next to the artefact whose previous content is kept as NAME-digits.csv
     check     check of the whole config before any stage runs; it does not affect results
     """
@@ -65,12 +65,19 @@ class Stage:
     check: Callable[[Any, Path], None] | None = None
     records: tuple[str, ...] = ()
 
+    @property
+    def module(self) -> str:
+        """Name of the module of its function."""
+        return self.run.module if isinstance(self.run, Imported) else self.run.__module__
 
-def imported(module: str, name: str) -> Callable[..., Any]:
-    """Function of a module that is imported when the function is called: a list of stages loads no kernel."""
 
-    def function(*arguments: Any) -> Any:
-        return getattr(import_module(module), name)(*arguments)
+@dataclass(frozen=True)
+class Imported:
+    """Function of a module that is imported when the function is called: a list of stages loads no kernel. Other processes
+    receive the two names."""
 
-    function.__module__, function.__qualname__ = module, name
-    return function
+    module: str
+    name: str
+
+    def __call__(self, *arguments: Any) -> Any:
+        return getattr(import_module(self.module), self.name)(*arguments)

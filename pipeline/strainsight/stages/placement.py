@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from strainsight.runner.stage import Stage, imported
+from strainsight.runner.stage import Imported, Stage
 
 LOAD_KINDS = (
     "loads.*.moment",
@@ -51,8 +51,8 @@ IMPORT = Stage(
     reads=("mesh", *PARAMETER_KEYS, "parameters.*.guess", *LOAD_KEYS, *SENSOR_KEYS),
     upstream=(),
     files=("mesh.file",),
-    run=imported("strainsight.stages.import_mesh", "run"),
-    check=imported("strainsight.experiment.structure.early", "check_files"),
+    run=Imported("strainsight.stages.import_mesh", "run"),
+    check=Imported("strainsight.experiment.structure.early", "check_files"),
 )
 
 MODES = Stage(
@@ -61,7 +61,7 @@ MODES = Stage(
     reads=(*PARAMETER_KEYS, "parameters.*.guess", "rom.modes", *MODEL_KEYS),
     upstream=("import",),
     files=("parameters.*.guess.from", *MODEL_FILES),
-    run=imported("strainsight.stages.rom", "run_modes"),
+    run=Imported("strainsight.stages.rom", "run_modes"),
 )
 
 ROM = Stage(
@@ -79,7 +79,7 @@ ROM = Stage(
     ),
     upstream=("import", "modes"),
     files=("parameters.*.guess.from", *MODEL_FILES),
-    run=imported("strainsight.stages.rom", "run_rom"),
+    run=Imported("strainsight.stages.rom", "run_rom"),
 )
 
 TRAIN = Stage(
@@ -116,7 +116,7 @@ TRAIN = Stage(
         "gauges.strain_operator.table",
         "mesh.matrices.numbering",
     ),
-    run=imported("strainsight.stages.train", "run_train"),
+    run=Imported("strainsight.stages.train", "run_train"),
 )
 
 SCREEN = Stage(
@@ -153,7 +153,7 @@ SCREEN = Stage(
     ),
     upstream=("import", "rom", "train"),
     files=("loads.*.signal.file", "place.load_cases.*.loads.*.signal.file"),
-    run=imported("strainsight.stages.train", "run_screen"),
+    run=Imported("strainsight.stages.train", "run_screen"),
 )
 
 OBSERVE = Stage(
@@ -162,7 +162,7 @@ OBSERVE = Stage(
     reads=("seed", "loads", "parameters.*.property", "train", "observe", "place.instants"),
     upstream=("rom", "train", "screen"),
     files=("loads.*.signal.file",),
-    run=imported("strainsight.stages.train", "run_observe"),
+    run=Imported("strainsight.stages.train", "run_observe"),
 )
 
 PLACE = Stage(
@@ -194,7 +194,7 @@ PLACE = Stage(
     ),
     upstream=("import", "rom", "train", "screen"),
     files=("loads.*.signal.file", "place.load_cases.*.loads.*.signal.file"),
-    run=imported("strainsight.stages.place", "run"),
+    run=Imported("strainsight.stages.place", "run"),
     records=("gauges.csv",),
 )
 
@@ -227,7 +227,7 @@ ESTIMATE = Stage(
         "parameters.*.guess.from",
         *MODEL_FILES,
     ),
-    run=imported("strainsight.stages.estimate", "run"),
+    run=Imported("strainsight.stages.estimate", "run"),
 )
 
 TEST = Stage(
@@ -236,7 +236,7 @@ TEST = Stage(
     reads=("name", "seed", "loads", "place.estimate", "estimate.virtual"),
     upstream=("import", "rom", "train", "screen", "place", "estimate"),
     files=(),
-    run=imported("strainsight.stages.measurement_report", "run"),
+    run=Imported("strainsight.stages.measurement_report", "run"),
 )
 
 SPECTRUM = Stage(
@@ -245,7 +245,7 @@ SPECTRUM = Stage(
     reads=(*PARAMETER_KEYS, "validate.truth.modes", *MODEL_KEYS),
     upstream=("import",),
     files=MODEL_FILES,
-    run=imported("strainsight.stages.rom", "run_spectrum"),
+    run=Imported("strainsight.stages.rom", "run_spectrum"),
 )
 
 VALIDATE = Stage(
@@ -269,7 +269,7 @@ VALIDATE = Stage(
     ),
     upstream=("import", "rom", "train", "screen", "place", "spectrum"),
     files=("parameters.*.guess.from", "loads.*.signal.file", *MODEL_FILES),
-    run=imported("strainsight.stages.validate", "run"),
+    run=Imported("strainsight.stages.validate", "run"),
 )
 
 REPORT = Stage(
@@ -291,7 +291,7 @@ REPORT = Stage(
     ),
     upstream=("import", "rom", "train", "screen", "observe", "place", "validate"),
     files=(),
-    run=imported("strainsight.stages.report", "run"),
+    run=Imported("strainsight.stages.report", "run"),
 )
 
 PLACEMENT = (IMPORT, MODES, ROM, TRAIN, SCREEN, OBSERVE, PLACE, SPECTRUM, VALIDATE, REPORT)
