@@ -54,19 +54,11 @@ PER = {"N": (1e3, "kN"), "N m": (1e3, "kN m"), "Pa": (1e6, "MPa")}
 def influence_table(influence: Influence, listed: GaugeList) -> Table:
     """Table of the influence matrix of a layout."""
     scales = [PER.get(unit, (1.0, unit)) for unit in influence.unit]
-    units = [UNITS[int(quantity)] for quantity in listed.channels.quantity]
-    rows = tuple(
-        (label, *(_reading(x * scale, unit) for x, (scale, _) in zip(values, scales, strict=True)), f"{ratio:.3g}")
-        for label, unit, values, ratio in zip(
-            channel_labels(listed), units, influence.reading, influence.signal_to_noise, strict=True
-        )
-    )
+    labels, quantities, rows = channel_labels(listed), listed.channels.quantity, []
+    for i, values in enumerate(influence.reading * [scale for scale, _ in scales]):
+        factor, shown = reading_unit(float(np.abs(values).max()), UNITS[int(quantities[i])])
+        rows.append((labels[i], shown, *(f"{x / factor:.4g}" for x in values), f"{influence.signal_to_noise[i]:.3g}"))
     heads = (f"per {unit} of {name}" for name, (_, unit) in zip(influence.load, scales, strict=True))
     condition = "" if influence.condition is None else f"; condition number {influence.condition:.3g}"
-    columns = ("channel", *heads, "RMS in training over noise")
-    return Table(f"{INFLUENCE}{condition}", columns, rows)
-
-
-def _reading(value: float, unit: str) -> str:
-    factor, shown = reading_unit(abs(value), unit)
-    return f"{value / factor:.4g} {shown}"
+    columns = ("channel", "unit", *heads, "RMS in training over noise")
+    return Table(f"{INFLUENCE}{condition}", columns, tuple(rows))

@@ -18,6 +18,7 @@ from strainsight.pages.page.markup import (
     bullets,
     coordinates,
     count,
+    data,
     decimals,
     figures,
     folded,
@@ -332,8 +333,11 @@ def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
 def _influence(matrix: Table | None) -> str:
     if matrix is None:
         return ""
-    lead = f"{capital(matrix.title)}. {INFLUENCE}"
-    return sections.listing_section("Influence matrix", matrix, range(1, len(matrix.columns)), lead)
+    rows = [[*map(escape, row[:2]), *(data(float(x), x) for x in row[2:])] for row in matrix.rows]
+    head, caption = [*map(escape, matrix.columns)], f"{capital(matrix.title)}. {INFLUENCE}"
+    return sections.section(
+        "Influence matrix", table("influence", head, rows, caption=caption, numeric=range(2, len(head)))
+    )
 
 
 def _noise(report: PlacementReport) -> list[str]:

@@ -17,7 +17,6 @@ from strainsight.pages.page.markup import (
     count,
     grouped_table,
     links,
-    measure,
     plain,
     result_mark,
     share,
@@ -28,7 +27,7 @@ from strainsight.pages.page.problems import faults, no_benefit, problem_text, wh
 from strainsight.pages.page.sections import section
 from strainsight.pages.placement.data import ObservabilityCase, Unknown
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
-from strainsight.text import listed
+from strainsight.text import listed, quantity
 
 SINGULAR = 1e13
 """Condition number above which its digits are rounding errors."""
@@ -303,7 +302,7 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
 
 
 def _absolute(unknown: Unknown) -> str:
-    return measure((unknown.expected_std or 0.0) * unknown.reference, unknown.unit, 3)
+    return escape(quantity((unknown.expected_std or 0.0) * unknown.reference, unknown.unit, 3))
 
 
 def _cells(result: Result) -> list[str]:
