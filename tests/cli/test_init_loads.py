@@ -117,7 +117,7 @@ def test_duration_and_step_resolve_the_frequencies(strainsight, frequency):
         assert steps == pytest.approx(round(steps), abs=1e-6)
 
 
-def test_load_without_frequency_is_slow_and_says_so(strainsight):
+def test_load_without_frequency_is_slow_and_reported(strainsight):
     strainsight("init", "portal.bdf")
     first = first_frequency(strainsight, "portal")
     assert config("portal").loads["FORCE-3"].signal.frequency <= first / 20

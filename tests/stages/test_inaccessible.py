@@ -72,7 +72,7 @@ def expected(name: str, x: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", DECKS)
-def test_candidates_are_excluded_where_the_geometry_says_so_and_nowhere_else(screened, name):
+def test_candidates_are_excluded_by_geometry_and_nowhere_else(screened, name):
     gauges, found = screened(name)
     reason = expected(name, gauges.position, gauges.normal)
     assert 0.1 * len(reason) < np.count_nonzero(reason) < 0.6 * len(reason)

@@ -28,7 +28,7 @@ from ..placement.whole_pools import eliminate
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_redundant_gauges_and_worst_failure_do_not_contradict(seed):
+def test_redundant_gauges_are_consistent_with_the_worst_failure(seed):
     """Growths of two σ from 0.1 % to 1000 %: whose failure costs 5 % of any σ is not redundant."""
     rng, labels = np.random.default_rng(seed), [f"G{i + 1}" for i in range(6)]
     std = {"a": 0.02, "b": 3.0}
