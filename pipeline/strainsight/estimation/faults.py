@@ -185,11 +185,18 @@ def find_temporary_faults(samples: np.ndarray, predicted: np.ndarray, std: np.nd
     if still is not None and any(still[0] < behind and first < still[1] for first, behind in parts):
         faults.append(Fault("stuck", 0, 0.0, spans=((0, *still),)))
     # spikes stand out from what tolerances leave of the other samples
-    usual = float(np.nanmedian(np.abs(z))) / NORMAL_MEDIAN if np.isfinite(z).any() else 1.0
+    other = np.ones(T, dtype=bool)
+    for begin, end in parts if _are_few(parts, T) else ():
+        other[begin:end] = False
+    usual = float(np.nanmedian(np.abs(z[other]))) / NORMAL_MEDIAN if np.isfinite(z[other]).any() else 1.0
     parts = find_misfits(z / max(1.0, usual))
-    if parts and len(parts) <= MOST_PARTS and sum(behind - first for first, behind in parts) <= LONGEST_PART * T:
+    if parts and _are_few(parts, T):
         faults.append(Fault("spikes", 0, 0.0, spans=tuple((0, *part) for part in parts)))
     return faults
+
+
+def _are_few(parts: Sequence[tuple[int, int]], samples: int) -> bool:
+    return len(parts) <= MOST_PARTS and sum(behind - first for first, behind in parts) <= LONGEST_PART * samples
 
 
 def _find_shift(residual: np.ndarray, std: np.ndarray) -> tuple[int, int, float]:
