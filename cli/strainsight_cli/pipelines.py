@@ -42,8 +42,8 @@ def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
         from strainsight.stages.placement import stages_for
 
         estimate, validation = config.get("estimate") or {}, config["validate"]
-        truth = validation["truth"]["model"] if validation else ""
-        return stages_for(bool(estimate.get("file") or estimate.get("records")), truth or "perturbed")
+        truth = validation["truth"]["model"] if validation else None
+        return stages_for(bool(estimate.get("file") or estimate.get("records")), truth)
     from strainsight.stages.bench.pipeline import BEARING_ALONE, bench_stages
 
     return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(config)

@@ -229,7 +229,8 @@ def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
 
     config, job = _checked(path, overrides, PlacementConfig)
     test = config.estimate
-    stages = stages_for(test is not None and bool(test.file or test.records), config.validation.truth.model)
+    truth = None if config.validation is None else config.validation.truth.model
+    stages = stages_for(test is not None and bool(test.file or test.records), truth)
     return Case(config, _files(stages, job), base=job.base)
 
 

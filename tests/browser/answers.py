@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ import scipy.stats
 from .numbers import Number, in_words, rounded
 from .opened import Opened
 
-WHERE = """() => [...document.querySelectorAll('#in-short data, #answer data')].map(data => {
+FIRST_SCREEN = "#in-short data, #answer data:not(#space data)"
+TABLES = ", ".join(f'[data-table="{name}"] data' for name in ("gauges", "gauges: readings", "simulated test"))
+WHERE = """selector => [...document.querySelectorAll(selector)].map(data => {
   const tile = data.closest('.tile'), cell = data.closest('td'), term = data.closest('dd')?.previousElementSibling;
   const words = element => element.textContent.trim().replace(/\\s+/g, ' ');
   const place = data.closest('#in-short') ? ['sentence']
@@ -26,12 +29,15 @@ WHERE = """() => [...document.querySelectorAll('#in-short data, #answer data')].
 })"""
 
 
-def shown(found: Opened) -> dict[tuple[str, ...], list[float]]:
-    """Place on the first screen → the exact numbers there; each shows the exact one rounded."""
+def shown(
+    found: Opened, selector: str = FIRST_SCREEN, wanted: Collection[tuple[str, ...]] = ()
+) -> dict[tuple[str, ...], list[float]]:
+    """Place on the page → the exact numbers there; each shows the exact one rounded. wanted: only these places, if any."""
     numbers: dict[tuple[str, ...], list[float]] = {}
-    for place, value, text in found.page.evaluate(WHERE):
+    for place, value, text in found.page.evaluate(WHERE, selector):
+        if wanted and tuple(place) not in wanted:
+            continue
         assert rounded(Number(float(value), text, str(place))), (place, value, text)
-        place[-1] = re.sub(r"^best criterion of the other .*? \(.*\)$", "best other rule", place[-1])
         numbers.setdefault(tuple(place), []).append(float(value))
     return numbers
 
@@ -48,36 +54,39 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
             ("key",): [gauges, chosen["pool"]],
         }
         for name in names:
-            truth = validate[f"truth/{name}"][()]
             scale = place[f"expected_std/{name}"].attrs["scale"]
             absolute = place[f"expected_std/{name}"][()]
             expected = absolute / scale
-            std = told[f"std.{name}"]
             load = name in config["loads"]
             tile = f"{name}, {'load' if load else 'parameter'}"
             found[tile, "value"] = [expected] if load else [told[f"estimate.{name}"], expected]
             found[tile, "error in the simulated test"] = [told[f"error.{name}"]]
             found[tile, "± expected σ"] = [absolute]
-            found[tile, "claimed σ in the simulated test"] = [std]
-            if load:
-                found[tile, "true RMS"] = [np.sqrt(np.mean(truth**2))]
-                found[tile, "estimated RMS"] = [told[f"estimate.{name}"]]
-                found[tile, "error of the smoothed estimate"] = [told[f"smoothed.{name}"]]
-            else:
-                found[tile, "true value"] = [truth[-1]]
             if told.get(f"identified.{name}", True):
                 found[tile, "verdict"] = [_decisive(validate, name, load)[0]]
+        found["gap of the criterion tr(W P) to its lower bound", "value"] = [max(chosen["gap"], 0.0)]
+    return {where: [float(value) for value in values] for where, values in found.items()}
+
+
+def of_tables(folder: Path) -> dict[tuple[str, ...], list[float]]:
+    """Numbers in the tables of gauges and of the simulated test, from the same artefacts."""
+    with h5py.File(folder / "place.h5") as place, h5py.File(folder / "validate.h5") as validate:
+        loads, told = json.loads(validate.attrs["config"])["loads"], validate["summary"].attrs
+        found: dict[tuple[str, ...], list[Any]] = {}
+        for name in (name.decode() for name in place["elimination/unknowns"][()]):
+            truth, absolute = validate[f"truth/{name}"][()], place[f"expected_std/{name}"]
+            found[name, "true value, RMS"] = [np.sqrt(np.mean(truth**2)) if name in loads else truth[-1]]
+            found[name, "estimate, RMS"] = [told[f"estimate.{name}"]]
+            found[name, "error"], found[name, "claimed σ"] = [told[f"error.{name}"]], [told[f"std.{name}"]]
+            if name in loads:
+                found[name, "error, smoothed"] = [told[f"smoothed.{name}"]]
+            column = f"expected σ({name}) without gauge"
             for i, value in enumerate(place[f"without/{name}"][()]):
-                found[f"G{i + 1}", f"expected σ({name})"] = [value]
-            found["all gauges", f"expected σ({name})"] = [expected, absolute]
+                found[f"G{i + 1}", column] = [value]
+            found["all gauges", column] = [absolute[()] / absolute.attrs["scale"], absolute[()]]
         for i, position in enumerate(place["selected/final/position"][()]):
             for axis, value in zip("xyz", position, strict=True):
                 found[f"G{i + 1}", f"{axis} [m]"] = [value]
-        bound = "gap of the criterion to its lower bound"
-        found[bound, "value"] = [max(chosen["gap"], 0.0)]
-        found[bound, "placement criterion tr(W P)"] = [chosen["trace_final"]]
-        found[bound, "lower bound"] = [chosen["lower_bound"]]
-        found[bound, "best other rule"] = [_best_other(place)]
     return {where: [float(value) for value in values] for where, values in found.items()}
 
 
@@ -111,36 +120,19 @@ def _decisive(validate: h5py.File, name: str, load: bool) -> tuple[float, float]
     return max(ratios, key=lambda found: found[:2])[2:]
 
 
-def _best_other(place: h5py.File) -> float:
-    """The least metric of the other rules; of the random sets the one in the middle counts."""
-    rules = [rule.decode() for rule in place["criteria/rule"][()]]
-    values = place["criteria/value"][:, 0]
-    drawn = sorted(value for rule, value in zip(rules, values, strict=True) if rule.startswith("random_"))
-    others = [t for rule, t in zip(rules, values, strict=True) if not rule.startswith("random_")][1:]
-    middle = drawn[(len(drawn) - 1) // 2 : (len(drawn) - 1) // 2 + 1]
-    return min(value for value in [*others, *middle] if np.isfinite(value))
-
-
-def warnings_of(folder: Path) -> int:
-    """How many warnings report.h5 counts."""
-    with h5py.File(folder / "report.h5") as report:
-        return int(report["summary"].attrs["warnings"])
-
-
 def opens_with_the_numbers_of_the_artefacts(found: Opened) -> None:
     """Every number of the first screen is that of the artefact in its place, and there is no other."""
-    expected = of_artefacts(found.file.parent)
-    if warnings := warnings_of(found.file.parent):
-        expected["warnings",] = [warnings]
-    on_page = shown(found)
+    expected, on_page = of_artefacts(found.file.parent), shown(found)
     assert set(on_page) == set(expected)
-    for place, values in expected.items():
+    in_tables = of_tables(found.file.parent)
+    on_page |= shown(found, TABLES, in_tables)
+    for place, values in (expected | in_tables).items():
         assert on_page[place] == pytest.approx(values, rel=1e-12, abs=0), place
 
 
 def has_no_other_digit(found: Opened, *names: str) -> None:
     """Beside the numbers no digit stands on the first screen but in labels of gauges and in these names."""
-    for selector in ("#in-short", "#answer"):
+    for selector in ("#in-short", "#answer .tiles", "#answer .cautions"):
         text, _ = in_words(found.page, selector)
         for name in (*names, *re.findall(r"\bG\d+\b", text)):
             text = text.replace(name, "")

@@ -104,8 +104,8 @@ def zooms_by_the_wheel(found: Opened) -> None:
     first, wide = picture(found), spread(found)
     at = page.evaluate("document.activeElement.blur(), scrollY")
     page.mouse.move(x, y + 60)
-    page.mouse.wheel(0, -50)
-    page.wait_for_function("at => scrollY < at", arg=at)
+    page.mouse.wheel(0, 50)
+    page.wait_for_function("at => scrollY > at", arg=at)
     assert spread(found) == wide
     x, y = centre(view(found))
     page.mouse.click(x, y + 60)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import yaml
 from typer.testing import CliRunner
@@ -93,3 +95,17 @@ def test_blank_lines_of_later_sections_are_reported_at_once_and_do_not_stop_impo
     assert keys == {"loads.tip.node", "loads.tip.signal.amplitude", "place.keep"}
     wrong = beam(text.replace("known: true", "known: maybe"), "rom", "beam.yaml")
     assert (wrong.exit_code, "loads.tip.known: the value is 'maybe'" in wrong.stderr) == (2, True)
+
+
+def test_without_validation_there_is_a_page_with_the_expected_accuracy(beam):
+    config = {key: section for key, section in PLACEMENT_CONFIG.items() if key != "validate"}
+    done = beam(config, "run", "beam.yaml", "--quiet")
+    assert done.exit_code == 0, done.output
+    results = Path("results", config["name"])
+    page = (results / "report.html").read_text()
+    assert "The estimates were not validated" in page
+    assert "(expected σ)" in page
+    assert not (results / "validate.h5").exists()
+    test = {"file": "test.csv", "channels": [{"gauge": "G1", "channel": "1", "unit": "m/m"}]}
+    done = beam(config | {"estimate": test}, "estimate", "beam.yaml")
+    assert (done.exit_code, "estimate.initial_std: the initial standard deviation of" in done.stderr) == (2, True)

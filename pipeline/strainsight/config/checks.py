@@ -18,7 +18,7 @@ from strainsight.config.loads import (
     SweepSection,
     load_case_problems,
 )
-from strainsight.config.placement import PlacementConfig, later_sections, sections_from_stage
+from strainsight.config.placement import NEEDED_BY, PlacementConfig, later_sections, sections_from_stage
 from strainsight.errors import at_most
 
 FEWEST_STEPS = 10
@@ -39,10 +39,10 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
 
 
 def absent_problems(data: Mapping[str, Any], stage: str | None) -> Iterator[Problem]:
-    """Yield a problem for every absent section that a stage or one before it needs; None: any stage."""
+    """Yield a problem for every absent section that a stage or one before it needs; None: the whole pipeline."""
     later = later_sections(stage)
     for section, (first, example) in sections_from_stage().items():
-        if section not in data and section not in later:
+        if section not in data and section not in later and stage in NEEDED_BY.get(section, (stage,)):
             what = f"the section is missing; the stage `{first}` needs it"
             yield Problem(section, what, f"add it, for example {section}: {example}", at_key=True)
 
@@ -186,7 +186,8 @@ def _filter(config: PlacementConfig) -> Iterator[Problem]:
 
 def _drifting(config: PlacementConfig) -> Iterator[Problem]:
     """Check that no parameter can drift by more than a factor of e in one step."""
-    step, h = max(config.train.time_step, config.validation.time_step), config.train.time_step
+    h = config.train.time_step
+    step = h if config.validation is None else max(h, config.validation.time_step)
     # √(q h) of δ = 1, with the q of `augmentation.noise.process_intensity`
     drift = (step * {"continuous": 1.0, "thesis": h, "as_printed": h * h}[config.process_noise.rule]) ** 0.5
     for name, parameter in config.parameters.items():
@@ -234,6 +235,11 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
             config.place.estimate,
             f"no entry of place.estimate has the name '{name}'",
         )
+    for name in config.place.estimate if config.validation is None else ():
+        if name not in config.estimate.initial_std:
+            what = f"the initial standard deviation of '{name}' is missing"
+            remedy = f"add {name}: 0.1 (10 % of the guess or of the load amplitude), or add the section `validate`"
+            yield Problem("estimate.initial_std", what, remedy, at_key=True)
     yield from record_problems(config, config.estimate)
     load_names = {f"estimate.inputs.{name}": name for name in config.estimate.inputs}
     for i, record in enumerate(config.estimate.records):
@@ -318,7 +324,7 @@ CHECKS: dict[Callable[[PlacementConfig], Iterator[Problem]], str] = {
     _input_models: "loads",
     _fast: "loads train",
     _filter: "",
-    _drifting: "train validate",
+    _drifting: "train",
     _validation: "loads place validate",
     _measurements: "loads place",
 }

@@ -454,7 +454,7 @@ class PlacementConfig(NamedRun):
     validation: Validate = from_stage(
         "spectrum",
         "{duration: 20.0, time_step: 0.01, initial_std: {force: 1.0}}",
-        "Validation of the filter with simulated measurements.",
+        "Validation of the filter with simulated measurements; without this section, no validation.",
         alias="validate",
     )
     estimate: Estimate | None = Field(None, description="Estimation from the measurements of a test.")
@@ -466,6 +466,10 @@ def sections_from_stage() -> dict[str, tuple[str, str]]:
     fields = {field.alias or name: field.json_schema_extra for name, field in PlacementConfig.model_fields.items()}
     extras = {key: extra for key, extra in fields.items() if isinstance(extra, dict) and "required_from" in extra}
     return {key: (str(extra["required_from"]), str(extra["example"])) for key, extra in extras.items()}
+
+
+NEEDED_BY = {"validate": ("spectrum", "validate")}
+"""Sections that only these stages need: without them, the pipeline omits the stages."""
 
 
 def later_sections(stage: str | None) -> set[str]:

@@ -274,11 +274,12 @@ VALIDATE = Stage(
 
 REPORT = Stage(
     "report",
-    version=28,
+    version=29,
     reads=(
         "name",
         "seed",
         "loads",
+        "parameters.*.property",
         "tolerances",
         "place.estimate",
         "validate.truth.model",
@@ -297,15 +298,18 @@ REPORT = Stage(
 PLACEMENT = (IMPORT, MODES, ROM, TRAIN, SCREEN, OBSERVE, PLACE, SPECTRUM, VALIDATE, REPORT)
 
 
-def stages_for(estimates: bool, truth: str) -> tuple[Stage, ...]:
-    """The pipeline: with the filter on a test where the config names one, with a spectrum where the truth is made of modes."""
-    stages: tuple[Stage, ...] = PLACEMENT
-    if truth not in ("modes", "perturbed"):
-        validate = replace(VALIDATE, upstream=tuple(name for name in VALIDATE.upstream if name != SPECTRUM.name))
-        stages = tuple(validate if stage is VALIDATE else stage for stage in stages if stage is not SPECTRUM)
-    if not estimates:
-        return stages
-    place = stages.index(PLACE) + 1
-    linked = replace(REPORT, upstream=(*REPORT.upstream, ESTIMATE.name))
-    rest = tuple(linked if stage is REPORT else stage for stage in stages[place:])
-    return (*stages[:place], ESTIMATE, TEST, *rest)
+def stages_for(estimates: bool, truth: str | None) -> tuple[Stage, ...]:
+    """The pipeline. estimates: whether the config names a test; truth: `validate.truth.model`, None without validation."""
+    omitted = [SPECTRUM.name] * (truth not in ("modes", "perturbed")) + [VALIDATE.name] * (truth is None)
+    stages = list(PLACEMENT)
+    if estimates:
+        stages[-1] = replace(REPORT, upstream=(*REPORT.upstream, ESTIMATE.name))
+        stages[PLACEMENT.index(PLACE) + 1 : PLACEMENT.index(PLACE) + 1] = ESTIMATE, TEST
+
+    def linked(stage: Stage) -> Stage:
+        # of an absent section, nothing but its absence can be read
+        reads = ["validate" if truth is None and key.startswith("validate.") else key for key in stage.reads]
+        upstream = tuple(name for name in stage.upstream if name not in omitted)
+        return replace(stage, reads=tuple(dict.fromkeys(reads)), upstream=upstream)
+
+    return tuple(linked(stage) for stage in stages if stage.name not in omitted)

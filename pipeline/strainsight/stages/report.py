@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,15 +13,19 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
 from strainsight.experiment.layout import workshop
 from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
+from strainsight.experiment.structure.surface import SurfaceStrain
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.chart.files import file_name
+from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.picture.scene import draw_or_explain, render
+from strainsight.pages.placement.data import Noise
 from strainsight.pages.placement.figures import placement_figures
 from strainsight.pages.placement.page import placement_page
 from strainsight.pages.sheets.sheet import sheet_svg
 from strainsight.pages.sheets.views import Projection, Sheet, paper_axes
 from strainsight.pages.space.model import ShownState
+from strainsight.pages.view.viewing import screenshots, untitled
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
@@ -32,7 +38,7 @@ from strainsight.sensors.surface_paths import skin_of
 from strainsight.stages import inputs
 from strainsight.stages.pages.page import placement_report
 from strainsight.stages.pages.page_layout import listed_gauges
-from strainsight.stages.view.surface import strain_shapes, strains_of
+from strainsight.stages.view.surface import strain_shapes, strain_view, strains_of
 from strainsight.stages.view.views import placement_view
 
 
@@ -144,20 +150,44 @@ def sheet_files(sheets: list[Sheet]) -> dict[str, bytes]:
     return files
 
 
+def _picture(layout: PictureLayout, strains: Sequence[SurfaceStrain]) -> bytes:
+    """PNG of the gauges on the strain of the surface; without strain, on the surface."""
+    if not strains:
+        return render(layout)
+    view = strain_view("", replace(layout, pool=layout.pool[:0]), strains)
+    return screenshots([replace(untitled(view), size=(1280, 840))])[0]
+
+
+def _noise_study(noise: Noise) -> dict[str, Dataset]:
+    """Errors and σ by gauge noise."""
+    level = (
+        "noise standard deviation of a gauge, divided by the largest RMS strain of all candidates in the stage train"
+    )
+    datasets = {"/noise/level": Dataset(noise.level, "1", level)}
+    kinds = (
+        ("error", noise.error, "error (parameter: final, load: RMS)"),
+        ("std", noise.std, "standard deviation σ"),
+    )
+    for key, by_name, what in kinds:
+        for name, values in by_name.items():
+            text = f"relative {what} of the estimate of {name}, for each gauge noise in /noise/level"
+            datasets[f"/noise/{key}/{name}"] = Dataset(values, "1", text, ("/noise/level",))
+    return datasets
+
+
 def run(context: Context[PlacementConfig]) -> Output:
     """Gather what the page shows and write it as one self-contained file."""
     mesh = inputs.mesh(context)
     shop = workshop_of_run(context, mesh)
     report, sheets = placement_report(context, mesh, shop), sheet_files(sheets_of(context, shop, mesh))
     context.progress("picture", 0.1)
-    scene, problem = draw_or_explain(lambda: render(report.layout))
     modes = placement_view(context.config, "modes", context.upstream, None)
-    strains = strain_shapes(report.layout, strains_of(context.config, mesh, context.upstream))
-    shapes = (*strains, *(ShownState(panel.title, panel.shift) for panel in modes.panels))
+    strains = strains_of(context.config, mesh, context.upstream)
+    scene, problem = draw_or_explain(lambda: _picture(report.layout, strains[:1]))
+    shapes = (*strain_shapes(report.layout, strains), *(ShownState(panel.title, panel.shift) for panel in modes.panels))
     context.progress("figures", 0.5)
     page = placement_page(report, placement_figures(report), scene, problem, shapes, tuple(sheets.values())).encode()
-    trend, noise = report.trend, report.noise
-    assert noise is not None
+    trend = report.trend
     datasets = {
         "/trend/count": Dataset(trend.count, "1", "number of gauges, initially and after each removal"),
         "/trend/metric": Dataset(
@@ -166,20 +196,8 @@ def run(context: Context[PlacementConfig]) -> Output:
             f"placement criterion {trend.metric.symbol} of the layout with /trend/count gauges",
             ("/trend/count",),
         ),
-        "/noise/level": Dataset(
-            noise.level,
-            "1",
-            "noise standard deviation of a gauge, divided by the largest RMS strain of all candidates in the stage train",
-        ),
+        **({} if report.noise is None else _noise_study(report.noise)),
     }
-    for key, by_name in (("error", noise.error), ("std", noise.std)):
-        for name, values in by_name.items():
-            what, axis = (
-                f"relative {'standard deviation σ' if key == 'std' else 'error (parameter: final, load: RMS)'} of the "
-                f"estimate of {name}, for each gauge noise in /noise/level",
-                ("/noise/level",),
-            )
-            datasets[f"/noise/{key}/{name}"] = Dataset(values, "1", what, axis)
     return Output(
         datasets=datasets,
         summary={"picture": scene is not None, "warnings": len(report.warnings)},

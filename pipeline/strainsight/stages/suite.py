@@ -17,7 +17,7 @@ from strainsight.experiment.layout.advice import sigma_text
 from strainsight.pages.arrays import rms
 from strainsight.pages.bench.data import BenchPageRun
 from strainsight.pages.picture.scene import draw_or_explain, look, render_all
-from strainsight.pages.placement.data import Repeats, Unknown
+from strainsight.pages.placement.data import Repeats
 from strainsight.pages.suite.data import (
     CONFIRMED,
     CONTRADICTED,
@@ -56,7 +56,7 @@ from strainsight.runner.output import Output, Table
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench.report import run_of
 from strainsight.stages.pages.page import cases_of, history_of, trend_of, unknown_of, warnings_of
-from strainsight.stages.pages.page_layout import expected_sigma, layout_of_page
+from strainsight.stages.pages.page_layout import layout_of_page
 
 PAGE = "report"
 """The stage of a run that writes its own page, report.html."""
@@ -102,7 +102,7 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
     return PlacementRun(
         **_entry_data(entry, up),
         numbers={stage: artefact.summary for stage, artefact in up.items()},
-        unknowns=tuple(_unknown(name, described[name], up) for name in names),
+        unknowns=tuple(unknown_of(name, entry.kind, entry.unit, up) for name, entry in described.items()),
         pool=int(place.summary["pool"]) if place else None,
         trend=trend_of(place) if place else None,
         layout=layout_of_page(mesh, up, loads) if place else None,
@@ -112,13 +112,6 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
         truth_description=str(validate.summary["description"]) if validate else "",
         warnings=warnings_of(up, names, mesh, loads),
     )
-
-
-def _unknown(name: str, entry: Any, up: Mapping[str, Artefact]) -> Unknown:
-    if "validate" in up:
-        return unknown_of(name, entry.kind, up)
-    expected, reference = expected_sigma(name, up["place"]) if "place" in up else (None, float("nan"))
-    return Unknown(name=name, unit=entry.unit, kind=entry.kind, reference=reference, expected_std=expected)
 
 
 def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[SuiteStudy, ...]:

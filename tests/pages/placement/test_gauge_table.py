@@ -12,10 +12,14 @@ from strainsight.pages.placement.gauge_table import cases_table, criteria_table,
 from strainsight.positions import PositionAxes
 
 
+def vector(values):
+    return " ".join(f"{x:.4g}".replace("-", "−") for x in values + 0.0)
+
+
 def rows(report):
     """Cells of every gauge in words, of both tables, by the column's name."""
     found = []
-    for text in gauge_table(report).split("<table>")[1:]:
+    for text in re.split("<table[^>]*>", gauge_table(report))[1:]:
         names = re.findall(r"<th scope=\"col\"[^>]*>(.*?)</th>", text)
         for i, row in enumerate(re.findall(r"<tr>(.*?)</tr>", text.split("<tbody>")[1].split("</tbody>")[0])):
             cells = [re.sub("<[^>]+>", "", cell.replace("<br>", "|")) for cell in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row)]
@@ -55,6 +59,7 @@ def test_places_and_distances_to_edges_are_in_the_unit_and_axes_of_the_datum(ful
     assert [row["angle from nearest edges to measuring direction"] for row in found] == ["−30°|60°", "0°", "–", "–"]
     assert (found[0]["x [mm]"], found[0]["y [mm]"], found[0]["z [mm]"]) == ("900.0", "−20.0", "120.0")
     assert found[0]["direction"] == "−1 0 0"
+    assert [row["normal"] for row in found] == [vector(frame.turn(gauge.normal)) for gauge in gauges]
     assert "datum coordinates: origin (1000 0 0) mm, x axis (-1 0 0), y axis (0 -1 0) in deck coordinates" in text
     assert "nearest edges" not in gauge_table(report)
 

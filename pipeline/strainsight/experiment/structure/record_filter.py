@@ -132,7 +132,7 @@ def record_filters(
     """Filter of every record at the channels of its test, and the tuning of noise levels, None if not tuned."""
     settings = config.estimate
     assert settings is not None
-    std = {**config.validation.initial_std, **settings.initial_std}
+    std = {**(config.validation.initial_std if config.validation else {}), **settings.initial_std}
     start = initial_covariance(problem, std, moving=settings.start != "rest")
     # sorted by name, so that results do not depend on the order in the config
     place = np.argsort(np.argsort([test.record.name for test in tests]))

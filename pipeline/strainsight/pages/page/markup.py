@@ -19,6 +19,8 @@ from strainsight.text import number, percent, quantity
 AXES = METRES.heads
 LONGEST = 20
 """Longest word in a column heading that is not broken."""
+FEW_COLUMNS = 4
+"""Columns of a table that fit on a phone; of a wider one every row becomes a list."""
 UNFOLDED = 12
 """Figures of a kind that are shown without unfolding."""
 THEME = {"#ffffff": "var(--card)"} | {
@@ -90,12 +92,16 @@ def table(
     name: unique on the page; title, caption: HTML above it."""
     right = frozenset(numeric)
 
+    stacked = len(head) > FEW_COLUMNS
+    names = {i: re.sub(r"<[^>]*>", " ", text) for i, text in enumerate(head) if stacked}
+
     def line(cells: Sequence[str]) -> str:
-        rest = "".join(cell(text, right=i in right) for i, text in enumerate(cells) if i)
+        rest = "".join(cell(text, right=i in right, head=names.get(i, "")) for i, text in enumerate(cells) if i)
         return f'<tr><th scope="row">{cells[0]}</th>{rest}</tr>'
 
     above, below = _head(head, right) if head else "", f"<tfoot>{line(foot)}</tfoot>" if foot else ""
-    return sheet(name, f"<table>{above}<tbody>{''.join(map(line, rows))}</tbody>{below}</table>", title, caption)
+    kind = ' class="stacked"' * stacked
+    return sheet(name, f"<table{kind}>{above}<tbody>{''.join(map(line, rows))}</tbody>{below}</table>", title, caption)
 
 
 def grouped_table(
@@ -119,11 +125,12 @@ def block(heading: str, rows: Sequence[Sequence[str]], once: Sequence[str] = (),
     return f"<tbody>{''.join(lines)}</tbody>" if rows else ""
 
 
-def cell(text: str, *, right: bool = False, across: int = 1) -> str:
-    """Cell of a block; right: right-aligned; across: number of columns."""
+def cell(text: str, *, right: bool = False, across: int = 1, head: str = "") -> str:
+    """Cell of a block; right: right-aligned; across: number of columns; head: HTML text of its heading on a narrow screen."""
     number = ' class="n"' if right else ""
     span = f' colspan="{across}"' if across > 1 else ""
-    return f"<td{number}{span}>{text}</td>"
+    name = f' data-head="{head}"' if head else ""
+    return f"<td{number}{span}{name}>{text}</td>"
 
 
 def _head(names: Sequence[str], right: frozenset[int]) -> str:

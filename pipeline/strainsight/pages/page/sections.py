@@ -102,10 +102,9 @@ def panel(heading: str, content: str) -> str:
 
 def first_screen(tiles: str, content: str, cautions: Iterable[str]) -> str:
     """First screen: tiles, content below them, and cards with cautions."""
-    return (
-        f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
-        f'<div class="first">{content}</div>{figures(cautions, grid="cautions")}</section>'
-    )
+    above = f'<div class="tiles">{tiles}</div>' if tiles else ""
+    below = figures(cautions, grid="cautions")
+    return f'<section id="answer" aria-label="answer">{above}<div class="first">{content}</div>{below}</section>'
 
 
 def caution(heading: str, content: str, kind: str = "notes") -> str:

@@ -8,6 +8,7 @@ from html import escape
 
 import numpy as np
 
+from strainsight.pages.arrays import FloatArray
 from strainsight.pages.page.markup import axes, badge, data, decimals, items, measure, plain, share, table
 from strainsight.pages.picture.layout import Gauge
 from strainsight.pages.placement.data import Criteria, MetricWords, ObservabilityCase, PlacementReport, Trend
@@ -52,20 +53,24 @@ def _where(report: PlacementReport) -> str:
                 "<br>".join,
                 zip(*(axes(x, places, frame) for x, _, _ in gauge.grids[: len(gauge.arms) or 1]), strict=True),
             ),
-            "<br>".join(
-                _whole(" ".join(data(x, number(round(x, 4), 4)) for x in frame.turn(vector).tolist()))
-                for _, vector, _ in gauge.grids
-            ),
+            _vectors(frame, [normal for _, _, normal in gauge.grids[: len(gauge.arms) or 1]]),
+            _vectors(frame, [direction for _, direction, _ in gauge.grids]),
             *_edges(gauge, frame) * edged,
             *["<br>".join(map(escape, gauge.notes.split("; "))) or "–"] * noted,
         ]
         for index, gauge in enumerate(gauges)
     ]
-    head = ["gauge", "kind", *frame.heads, "direction"]
+    head = ["gauge", "kind", *frame.heads, "normal", "direction"]
     head += [f"distance to nearest edges [{frame.unit}]", "angle from nearest edges to measuring direction"] * edged
-    numeric = [2, 3, 4, *range(6, len(head))]
+    numeric = [2, 3, 4, *range(7, len(head))]
     head += ["installation"] * noted
     return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
+
+
+def _vectors(frame: PositionAxes, vectors: Sequence[FloatArray]) -> str:
+    """Unit vectors in the axes of the frame, one in a line; a dash for none."""
+    rows = [frame.turn(vector).tolist() for vector in vectors if np.any(vector)]
+    return "<br>".join(_whole(" ".join(data(x, number(round(x, 4), 4)) for x in row)) for row in rows) or "–"
 
 
 def _worth(report: PlacementReport) -> str:
@@ -119,7 +124,7 @@ def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
     several = any(len(gauge.channels) > 1 for gauge in gauges)
     below = "; rosettes and triaxial sensors have one line for each direction" * several
     sentences = {
-        f"Positions and measuring directions are in {frame.in_words()}{below}.": True,
+        f"Positions, normals and measuring directions are in {frame.in_words()}{below}.": True,
         "The arms of a bridge are listed in the order of their signs.": any(gauge.arms for gauge in gauges),
         EDGES: any(len(gauge.edges) for gauge in gauges),
         "A gauge and its mirror image were placed as a pair.": any(gauge.mirror for gauge in gauges),

@@ -106,7 +106,8 @@ def space(layouts: Sequence[PictureLayout]) -> Space:
         if not len(points):
             return []
         first = gathered.add(points, np.zeros_like(points), colour, gathered.nearest(points))
-        return [Drawn("points", np.arange(first, first + len(points)), colour, width, group)]
+        when: Literal["", "plain"] = "plain" if colour == POOL else ""
+        return [Drawn("points", np.arange(first, first + len(points)), colour, width, group, when)]
 
     first = gathered.add(body.position, body.normal, STEEL, body.source)
     loads = [solid(geometry.arrow_mesh(load, shared), VERMILION, load.point) for load in shared.loads]

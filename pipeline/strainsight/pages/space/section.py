@@ -73,11 +73,11 @@ def space_section(
     what = f"The structure with its {many} gauge{'s' * (len(gauges) != 1)}" if gauges else "The structure"
     return (
         f'<section id="space" class="card" hidden><h2>{escape(name or "The structure")} in space</h2>'
-        f'<p class="note">{MANNERS}{" The mesh is simplified for this view." * model.thinned}</p>'
         f'<div class="space-frame"><div><div id="space-view" tabindex="0" role="application" aria-label="{what}: '
         f'arrow keys rotate, plus and minus zoom, 0 resets"><canvas></canvas>{AXES}</div>{bar}'
         f'<div class="space-controls">{VIEWS}{choices}</div></div>'
-        f'<div class="space-side">{_side(gauges)}</div></div></section>'
+        f'<div class="space-side">{_side(gauges)}</div></div>'
+        f'<p class="note">{MANNERS}{" The mesh is simplified for this view." * model.thinned}</p></section>'
         f'<script type="application/json" id="space-data">{_data(model, gauges, shapes, first)}</script>'
     )
 

@@ -135,7 +135,7 @@ def _channels(report: Findings) -> str:
         "filter does not use. Missing samples in the file are listed with the processing of the record.",
         numeric=range(1, 7),
     )
-    return f'<div class="card without">{text}</div>'
+    return f'<div class="card">{text}</div>'
 
 
 def _cautions(report: Findings) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -22,7 +23,7 @@ from strainsight.experiment.structure.filtering import posterior_doubts
 from strainsight.experiment.structure.influence import INFLUENCE
 from strainsight.experiment.structure.mesh import model_warnings
 from strainsight.experiment.structure.mesh_tables import ASSUMES
-from strainsight.experiment.structure.references import on_one_node
+from strainsight.experiment.structure.references import PARAMETER_UNITS, on_one_node
 from strainsight.mesh.model import Mesh
 from strainsight.pages.arrays import History, Reading, rms
 from strainsight.pages.placement import data
@@ -40,48 +41,68 @@ from strainsight.text import capital, listed, number
 
 STAGES = ("import", "rom", "train", "screen", "place", "validate")
 """Of which the page shows what each came to."""
+NOT_VALIDATED = (
+    "The estimates were not validated by a simulated test, because the config has no section `validate`: σ is that expected by "
+    "the placement."
+)
 
 
 def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Workshop) -> data.PlacementReport:
     """The page's content, from the artefacts; mesh of import.h5; shop: the layout as measured (`workshop_of_run`)."""
     up, config = context.upstream, context.config
     names = [str(name) for name in config.place.estimate]
-    validate, place = up["validate"], read(Placed, up["place"])
-    validated = read(Validated, validate)
-    budget = validated.budget or place.budget
+    place = read(Placed, up["place"])
     word = "sensor" if set(listed_gauges(up).unit) - {"strain"} else "gauge"
     count = len(place.final.gauge)
-    return data.PlacementReport(
+    report = data.PlacementReport(
         name=config.name,
         title=f"{config.name}: {count} {word}{'s' * (count != 1)} for {listed(names)}",
         settings=config.report,
-        unknowns=tuple(unknown_of(name, "input" if name in config.loads else "parameter", up) for name in names),
+        unknowns=tuple(
+            unknown_of(name, "input", config.loads[name].unit, up)
+            if name in config.loads
+            else unknown_of(name, "parameter", PARAMETER_UNITS[config.parameters[name].property], up)
+            for name in names
+        ),
         layout=measured(layout_of_page(mesh, up, config.loads), shop, config.gauges),
         trend=trend_of(up["place"]),
-        histories=tuple(history_of(name, validate) for name in names),
-        posteriors=validated.posterior,
-        gauge_signals=signals_of(up),
-        random_sets=random_sets_of(names, validate),
-        noise=noise_of(names, up),
         frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()),
         metrics=metrics_of(up["place"]),
         criteria=criteria_of(names, up["place"]),
         cases=cases_of(up["observe"]),
         load_cases=place.by_case,
-        budget={} if budget is None else budget.shares,
+        budget={} if place.budget is None else place.budget.shares,
         advice=place.advice,
         influence=next((table for table in up["place"].tables if table.title.startswith(INFLUENCE)), None),
         observability={"condition": place.observability.condition},
-        truth_description=str(validate.summary["description"]),
-        filters=validated.compared,
-        consistency=checks_of(validate),
         warnings=warnings_of(up, names, mesh, config.loads),
-        not_tested=_not_tested(up["train"], config, place),
+        not_tested=_not_tested(up["train"], config, place) if "validate" in up else (NOT_VALIDATED,),
         test=up["estimate"].message if "estimate" in up else "",
-        facts=messages(up, STAGES),
+        facts={stage: up[stage].message for stage in STAGES if stage in up},
         seconds={stage: time for stage, artefact in up.items() if (time := artefact.header.seconds) is not None},
         provenance=provenance(context),
         assumes=tuple(row for table in up["import"].tables if table.title == ASSUMES for row in table.rows),
+    )
+    return _with_validation(report, names, up) if "validate" in up else report
+
+
+def _with_validation(
+    report: data.PlacementReport, names: list[str], up: Mapping[str, Artefact]
+) -> data.PlacementReport:
+    """The content with the results of the simulated test."""
+    validate = up["validate"]
+    validated = read(Validated, validate)
+    return replace(
+        report,
+        histories=tuple(history_of(name, validate) for name in names),
+        posteriors=validated.posterior,
+        gauge_signals=signals_of(up),
+        random_sets=random_sets_of(names, validate),
+        noise=noise_of(names, up),
+        budget=report.budget if validated.budget is None else validated.budget.shares,
+        truth_description=str(validate.summary["description"]),
+        filters=validated.compared,
+        consistency=checks_of(validate),
     )
 
 
@@ -156,25 +177,29 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
     return tuple(notes)
 
 
-def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> data.Unknown:
-    validate, place = up["validate"], up["place"]
-    validated, placed, summary = read(Validated, validate), read(Placed, place), validate.summary
+def unknown_of(name: str, kind: Any, unit: str, up: Mapping[str, Artefact]) -> data.Unknown:
+    """An unknown with σ expected by the placement and with its validation, as far as these stages have run."""
+    unknown = data.Unknown(name, unit, kind)
+    if "place" in up:
+        cases, (expected, reference) = read(Placed, up["place"]).by_case, expected_sigma(name, up["place"])
+        worst = "" if cases is None else cases.worst[name]
+        unknown = replace(unknown, expected_std=expected, reference=reference, worst_case=worst)
+    return _validated(unknown, up["validate"]) if "validate" in up else unknown
+
+
+def _validated(unknown: data.Unknown, validate: Artefact) -> data.Unknown:
+    name, summary, validated = unknown.name, validate.summary, read(Validated, validate)
     truth, out_of_range, repeats = validated.truth[name], "out_of_range" in summary, repeated(name, validate)
     number = {key: float(summary[f"{key}.{name}"]) for key in ("estimate", "error", "smoothed")}
     std, smoothed_std = (None if out_of_range else float(summary[f"{key}.{name}"]) for key in ("std", "smoothed_std"))
-    identified, (expected, reference) = summary.get(f"identified.{name}") is not False, expected_sigma(name, place)
-    return data.Unknown(
-        name=name,
-        unit=unit_of(validated, "estimate", name),
-        kind=kind,
-        truth=float(truth[-1]) if kind == "parameter" else rms(truth),
+    identified = summary.get(f"identified.{name}") is not False
+    return replace(
+        unknown,
+        truth=float(truth[-1]) if unknown.kind == "parameter" else rms(truth),
         estimate=number["estimate"],
         error=number["error"],
         std=std,
         smoothed_error=number["smoothed"],
-        expected_std=expected,
-        reference=reference,
-        worst_case="" if placed.by_case is None else placed.by_case.worst[name],
         zero=bool(summary.get(f"zero.{name}", False)),
         smoothed_std=smoothed_std,
         claims=() if out_of_range else claims_of(name, summary, repeats),
