@@ -34,10 +34,12 @@ from strainsight.text import listed
 
 
 def first_screen(report: PlacementReport, scene: bytes | None, scene_problem: str, shapes: Sequence[ShownState]) -> str:
-    """3D view, beginning with the first of the shapes, or the picture where no script runs and on paper; numbers; cautions."""
+    """3D view, beginning with the first of the shapes if that has a contour, or the picture where no script runs and on paper;
+    numbers; cautions."""
     order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
     tiles = "".join(map(_tile, order)) + _bound_tile(report)
-    view = space_section([("", report.layout)], shapes, first=0 if shapes else -1)
+    first = 0 if shapes and shapes[0].contour is not None else -1
+    view = space_section([("", report.layout)], shapes, first=first)
     picture = _picture(report.layout, scene, scene_problem)
     return sections.first_screen("", f'{view}{picture}<div class="tiles">{tiles}</div>', _cautions(report))
 

@@ -31,7 +31,6 @@ INFLUENCE = (
     "large number means that the readings hardly separate these loads."
 )
 
-
 FOOTER = (
     "σ is one standard deviation. Expected σ: predicted by the placement for the filter, relative to the guess of a "
     "parameter or to the RMS of a load in the training simulation. Claimed σ: computed by the filter in the simulated test; it "
@@ -60,7 +59,8 @@ def placement_page(
     drawings: from `figures.placement_figures`; scene: PNG bytes from `scene.render`, or None with the reason `scene_problem`;
     shapes: states of the 3D view; sheets: drawing sheets as SVG."""
     link = f'<a href="{TEST_PAGE}">page of the test</a>'
-    words = f"<p>{escape(report.test)}. See the {link}.</p><p>The rest of this page refers to a simulated test.</p>"
+    words = f"<p>{escape(report.test)}. See the {link}.</p>"
+    words += "<p>The rest of this page refers to a simulated test.</p>" * (report.noise is not None)
     parts = (
         first_screen(report, scene, scene_problem, shapes),
         sections.notes_card("Test", words * bool(report.test)),
