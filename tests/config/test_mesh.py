@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from strainsight.config.gauges import CATALOGUE, fitting_type, gauge_type, type_gain
+from strainsight.config.gauge_types import CATALOGUE, fitting_type, gauge_type, type_gain
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from strainsight.config.base import Problem, known
-from strainsight.config.gauges import AbsoluteNoise, BondedBridge, type_problems
+from strainsight.config.gauge_types import type_problems
+from strainsight.config.gauges import AbsoluteNoise, BondedBridge
 from strainsight.config.mesh import ResultsSection
 from strainsight.config.placement import GuessFrom, PlacementConfig, RayleighDamping
 from strainsight.config.tolerances import tolerances_of

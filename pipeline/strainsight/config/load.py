@@ -202,7 +202,7 @@ def _validated(data: dict[str, Any], stage: str | None) -> tuple[Config | None, 
         ]
     kind_model, check = model_and_check(kind)
     if kind == "placement":
-        from strainsight.config.gauges import filled
+        from strainsight.config.gauge_types import filled
 
         data = dict(filled(data))
     try:

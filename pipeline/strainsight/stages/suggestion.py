@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from strainsight.config.checks import problems
 from strainsight.config.deck_properties import CandidateLocation, MissingMaterial, Suggestion
-from strainsight.config.gauges import fitting_type
+from strainsight.config.gauge_types import fitting_type
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.yaml_text import parse
 from strainsight.decks.faults import MISSING_END, short

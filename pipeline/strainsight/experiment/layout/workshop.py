@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.config.gauges import GaugeType, Typed, gauge_type
+from strainsight.config.gauge_types import GaugeType, Typed, gauge_type
 from strainsight.config.placement import Report
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from strainsight.config.gauges import gauge_type
+from strainsight.config.gauge_types import gauge_type
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import InfeasibleError
 from strainsight.experiment.recorded import named_regions

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.config.gauges import Typed
+from strainsight.config.gauge_types import Typed
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.workshop import Workshop, foil_at
 from strainsight.experiment.structure.candidates import listed_gauges as gauges_of
