@@ -10,8 +10,8 @@ from itertools import chain
 import numpy as np
 
 from strainsight.config.layout import LayoutSettings
-from strainsight.config.placement import PlacementConfig, Symmetry
-from strainsight.errors import ConfigError, InfeasibleError, blame
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import ConfigError, blame
 from strainsight.experiment.layout.advice import Expectation, budget_table
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.output import layout_output, layout_record
@@ -26,7 +26,6 @@ from strainsight.experiment.layout.task import (
     layout_limits,
 )
 from strainsight.experiment.structure.candidates import (
-    CandidateChannels,
     largest_of_quantity,
     listed_gauges,
     of_channels,
@@ -51,6 +50,7 @@ from strainsight.experiment.structure.expectation import (
     worst_case,
 )
 from strainsight.experiment.structure.influence import influence_of, influence_table
+from strainsight.experiment.structure.pool import pool_of, prices
 from strainsight.experiment.structure.problem import (
     Problem,
     load_dependence_text,
@@ -58,7 +58,7 @@ from strainsight.experiment.structure.problem import (
     problem_of,
     scenarios_of,
 )
-from strainsight.experiment.structure.references import families, unknown_units
+from strainsight.experiment.structure.references import unknown_units
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
 from strainsight.experiment.structure.slow_load import slow_load_advice
 from strainsight.experiment.structure.start import ringing_in_words
@@ -76,9 +76,7 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
 from strainsight.runner.output import Output, Scalar, Table
-from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.screening import KEPT, NEAR, WEAK
-from strainsight.sensors.symmetry import mirror_partners
 
 
 @dataclass(frozen=True)
@@ -358,49 +356,6 @@ def _observability(problem: Problem, scenario: Scenario, structure: Structure, p
         raw_scale=p.unknowns.state_scale,
         raw_rows=H,
     )
-
-
-def pool_of(
-    selected: np.ndarray, channels: CandidateChannels, candidates: Candidates, symmetry: Symmetry | None
-) -> PoolRows:
-    """Screened gauges (k,) as pool rows: single, or with a symmetry plane as mirrored pairs.
-
-    Bonded gauges and gauges on the plane stay single; others without a mirror image in the pool are omitted. Raises
-    InfeasibleError if nothing is left."""
-    if symmetry is None:
-        return PoolRows(selected[:, None], channels.of(selected), 0)
-    with blame("place.symmetry"):
-        partner = mirror_partners(candidates, symmetry.point, symmetry.normal)
-    bonded, in_pool, pairs = candidates.bonded[candidates.first], np.isin(np.arange(channels.gauges), selected), []
-    for gauge in selected:
-        other = int(partner[gauge])
-        if bonded[gauge] or other == gauge:
-            pairs.append((int(gauge), -1))
-        elif other > gauge and in_pool[other] and not bonded[other]:
-            pairs.append((int(gauge), other))
-    if not pairs:
-        raise InfeasibleError(
-            f"none of the {len(selected)} candidates selected by the stage `screen` has a mirror image among these candidates",
-            key="place.symmetry",
-            remedy="Check the symmetry plane, keep more candidates (screen.keep: all), or use a mirrored mesh.",
-        )
-    gauges = np.array(pairs)
-    first, second = channels.of(gauges[:, 0]), channels.of(np.maximum(gauges[:, 1], 0))
-    second[gauges[:, 1] < 0] = -1
-    return PoolRows(gauges, _left_aligned(np.hstack([first, second])), len(selected) - int((gauges >= 0).sum()))
-
-
-def prices(config: PlacementConfig, pool: PoolRows, candidates: Candidates) -> np.ndarray:
-    """Price of every pool row (p,); bonded gauges cost nothing."""
-    family = np.array([float(entry.price) for entry in families(config).values()])
-    first = candidates.first[pool.flat[0]]
-    return pool.summed(np.where(candidates.bonded[first], 0.0, family[candidates.array[first]]))
-
-
-def _left_aligned(channels: np.ndarray) -> np.ndarray:
-    """Move the channels of every row to the front, −1 behind, and drop unused columns."""
-    moved = np.take_along_axis(channels, np.argsort(channels < 0, axis=1, kind="stable"), axis=1)
-    return moved[:, (moved >= 0).any(axis=0)]
 
 
 def placement_output(placement: StructurePlacement, mesh: Mesh, config: PlacementConfig) -> Output:
