@@ -42,7 +42,8 @@ from strainsight.mesh.model import Mesh
 from strainsight.parallel import Sweep, serial
 from strainsight.placement.arrays import ArrayPlacement, place_arrays, place_modes
 from strainsight.placement.criteria import Criterion
-from strainsight.records.bench import BenchEstimated, BenchPlaced, ReducedBodies, ReducedBody, Simulated
+from strainsight.records.bench import BenchEstimated, ReducedBodies, ReducedBody, Simulated
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.mesh import Meshes
 from strainsight.records.placed import HotSpots, Observed
 from strainsight.records.record import read

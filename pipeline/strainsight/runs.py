@@ -11,15 +11,9 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
-from strainsight.records.bench import (
-    BearingResults,
-    BenchEstimated,
-    BenchPlaced,
-    ReducedBodies,
-    ReducedBody,
-    Simulated,
-    SurfaceHistory,
-)
+from strainsight.records.bearing import BearingResults
+from strainsight.records.bench import BenchEstimated, ReducedBodies, ReducedBody, Simulated, SurfaceHistory
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import Meshes, mesh_from
 from strainsight.records.placed import Observed, Placed

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 from strainsight.config.base import Problem, known
 from strainsight.config.gauge_types import type_problems
 from strainsight.config.gauges import AbsoluteNoise, BondedBridge
-from strainsight.config.mesh import ResultsSection
-from strainsight.config.placement import GuessFrom, PlacementConfig, RayleighDamping
+from strainsight.config.imported import ResultsSection
+from strainsight.config.parameters import GuessFrom, RayleighDamping
+from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 
 DAMPING = "damping_factor"

@@ -12,7 +12,7 @@ from strainsight.config.base import Section
 from strainsight.config.estimate import Channel, DelayInSamples, DelayInSeconds, RecordedFile
 from strainsight.config.loads import RecordedSection
 from strainsight.config.mesh import RegionKey
-from strainsight.config.placement import ModalDamping, RayleighDamping
+from strainsight.config.parameters import ModalDamping, RayleighDamping
 from strainsight.errors import ConfigError, UserError, blame
 from strainsight.loads.histories import Constant, FromSamples, MultiSine, Ramp, Signal, Sine, Sweep
 from strainsight.measurements.assemble import Signals, assemble

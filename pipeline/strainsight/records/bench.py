@@ -3,22 +3,16 @@ layout."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from strainsight.fem.affine import AffineOperator
+from strainsight.records.bearing import AT_FOUR_CONTACTS
 from strainsight.records.estimated import Compared
-from strainsight.records.placed import PlacedLayout
 from strainsight.records.record import dataset, group, record
 from strainsight.records.reduced import AffineTerms
 from strainsight.rom.inertia import InertiaInvariants
 
-ALONG_XYZ_ABOUT_YZ = "[x, y, z, about y, about z]"
 ABOUT_REST = "x: modal coordinates and their rates, Δu and Δy: changes of loads and readings from equilibrium"
-AT_FOUR_CONTACTS = (
-    "of every ball at the contacts inner left, inner right, outer left, outer right (left: towards negative x)"
-)
 
 
 @record
@@ -247,70 +241,6 @@ class Coupled:
 
 
 @record
-class BearingCase:
-    """A bearing in equilibrium under a load on its inner ring."""
-
-    load: np.ndarray = dataset("N or N m", "5", f"forces and moments on the inner ring {ALONG_XYZ_ABOUT_YZ}")
-    displacement: np.ndarray = dataset(
-        "m or rad", "5", f"displacements and tilts of the inner ring {ALONG_XYZ_ABOUT_YZ}, relative to the outer ring"
-    )
-    stiffness: np.ndarray = dataset(
-        "(N or N m)/(m or rad)", "5 × 5", "stiffness matrix of the bearing, ∂load/∂displacement"
-    )
-    station: np.ndarray = dataset(
-        "rad", "/station", "angular position of every ball about the bearing axis x, from the y axis towards the z axis"
-    )
-    force: np.ndarray = dataset("N", "/station × 4", f"contact force {AT_FOUR_CONTACTS}")
-    contact_angle: np.ndarray = dataset("rad", "/station × 4", f"contact angle {AT_FOUR_CONTACTS}")
-    pressure: np.ndarray = dataset("Pa", "/station × 4", f"peak contact pressure {AT_FOUR_CONTACTS}")
-
-
-@record
-class BearingCurve:
-    """Load as a function of one displacement."""
-
-    displacement: np.ndarray = dataset(
-        "<unit>",
-        "/displacement",
-        "varied displacement or tilt of the inner ring; the other displacements and tilts are zero",
-    )
-    load: np.ndarray = dataset(
-        "N or N m", "/displacement × 5", f"forces and moments on the inner ring {ALONG_XYZ_ABOUT_YZ}"
-    )
-
-
-@dataclass(frozen=True)
-class BearingDisplaced:
-    """A bearing along one displacement, component `along` of five."""
-
-    bearing: str
-    along: int
-    curve: BearingCurve
-
-
-@record
-class BearingCases:
-    """Load cases of one bearing."""
-
-    cases: dict[str, BearingCase] = group(path="/<name>")
-
-
-@record
-class BearingCurves:
-    """Curves of one bearing, by curve number."""
-
-    curves: dict[str, BearingCurve] = group(path="/<name>", unit="unit of <name>")
-
-
-@record
-class BearingResults:
-    """bearing.h5, by bearing."""
-
-    cases: dict[str, BearingCases] = group()
-    curves: dict[str, BearingCurves] = group()
-
-
-@record
 class BenchTruths:
     """Every history starts in the configured initial state, with its loads."""
 
@@ -456,84 +386,3 @@ class BenchEstimated:
     )
     bearings: dict[str, RingEstimate] = group()
     compared: Compared | None = group(default=None)
-
-
-PLACED = "place"
-"""Name of the placed layout; random layouts are random-1, random-2 …"""
-
-
-@record
-class BenchCandidates:
-    position: np.ndarray = dataset(
-        "m", "candidate × 3", "position of every candidate: gauge in body axes, bench sensor in global axes"
-    )
-    direction: np.ndarray = dataset(
-        "1", "candidate × 3", "measuring direction of every candidate: gauge in body axes, bench sensor in global axes"
-    )
-    element: np.ndarray = dataset("1", "candidate", "element id of every candidate in the deck")
-    facet: np.ndarray = dataset("1", "candidate", "facet number of every candidate in its element, from 1")
-    response: np.ndarray = dataset(
-        "SI",
-        "candidate × /inputs",
-        "static reading of every candidate per unit of each unknown load or parameter, at the first instant in `place.poses`",
-    )
-
-
-@record
-class BenchLayout:
-    """One layout with its gauges in order."""
-
-    candidate: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
-    sensor: tuple[str, ...] = dataset("1", "gauge", "SENSOR.AXIS for a component of a bench sensor; empty for a gauge")
-    position: np.ndarray = dataset(
-        "m", "gauge × 3", "position of every gauge in body axes, or of a bench sensor in global axes"
-    )
-    direction: np.ndarray = dataset(
-        "1", "gauge × 3", "measuring direction of every gauge in body axes, or of a bench sensor in global axes"
-    )
-    length: np.ndarray = dataset(
-        "m", "gauge", "length of the measuring grid of every gauge; 0: strain at the grid centre"
-    )
-    metric: float = dataset(
-        "1", "", "<what> of the layout; inf: an unknown is unobservable; NaN: Riccati equation not solved accurately"
-    )
-    std: np.ndarray = dataset(
-        "SI",
-        "/inputs",
-        "standard deviation of the estimate of every unknown (load: in the steady state, parameter: at the end of the "
-        "run). inf: unobservable load; NaN: Riccati equation not solved accurately",
-    )
-    without: np.ndarray = dataset(
-        "SI", "gauge × /inputs", "standard deviation of the estimate of every unknown after the failure of each gauge"
-    )
-
-    @property
-    def bonded(self) -> np.ndarray:
-        """Whether an entry is a gauge on the body (gauges,)."""
-        return np.array([not name for name in self.sensor], dtype=bool)
-
-
-@record
-class BenchPlaced(PlacedLayout):
-    """place.h5 of a bench. The state is (η, η̇, u, ξ) about the static equilibrium: modal coordinates of the constrained motion,
-    their rates, unknown inputs, scaled parameters."""
-
-    inputs: tuple[str, ...] = dataset("1", "/inputs", "names of the unknowns: loads, then parameters")
-    units: tuple[str, ...] = dataset("1", "/inputs", "units of the unknowns")
-    candidates: BenchCandidates = group()
-    layouts: dict[str, BenchLayout] = group(what="<what>")
-
-    @property
-    def placed(self) -> BenchLayout:
-        """The placed layout."""
-        return self.layouts[PLACED]
-
-    @property
-    def random_std(self) -> np.ndarray:
-        """`std` of every random layout (r, inputs)."""
-        stds = [layout.std for name, layout in self.layouts.items() if name != PLACED]
-        return np.array(stds).reshape(-1, len(self.inputs))
-
-    def layout(self, which: str) -> BenchLayout:
-        """Layout for a sensor with `layout: which`; "random" is the first random layout."""
-        return self.placed if which == PLACED else self.layouts["random-1"]

@@ -35,7 +35,7 @@ from strainsight.config.base import (
     with_defaults,
 )
 from strainsight.config.mesh import MeshFile, NodeId
-from strainsight.config.placement import Damped
+from strainsight.config.parameters import Damped
 
 FARTHEST = 1e8
 """[m] Largest distance from the origin; beyond it, the rounding of positions exceeds 10 nm, the scale of bearing motion."""

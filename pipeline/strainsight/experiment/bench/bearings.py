@@ -12,7 +12,7 @@ from strainsight.config.bench.connections import BearingForce
 from strainsight.errors import StrainsightError, blame
 from strainsight.multibody.bearing.element import ball_loads, bearing_load, displacement
 from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.records.bench import BearingCase, BearingCurve, BearingDisplaced
+from strainsight.records.bearing import BearingCase, BearingCurve, BearingDisplaced
 from strainsight.records.record import record_from
 
 ALONG = ("x", "y", "z", "tilt_y", "tilt_z")

@@ -34,7 +34,8 @@ from strainsight.multibody.laws import LAWS, Friction, follower_force, follower_
 from strainsight.multibody.relations import cosine, relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.system import Element, System, assemble
-from strainsight.records.bench import BenchPlaced, ReducedBody
+from strainsight.records.bench import ReducedBody
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.sensors.surface import unit_vector
 
 Between = stated.Joint | stated.Law

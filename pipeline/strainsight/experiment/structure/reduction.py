@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from strainsight.config.imported import Matrices
 from strainsight.config.loads import LoadSection
-from strainsight.config.mesh import Matrices, MeshFile
+from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig, Train
 from strainsight.contrib.mpi.session import OverMpi
 from strainsight.errors import DeckError, InfeasibleError, UserError, blame

@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.gauges import Gauges, MotionSensors
+from strainsight.config.imported import Matrices
 from strainsight.config.loads import InputNoise, LoadSection
-from strainsight.config.mesh import Matrices, MeshFile
-from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
+from strainsight.config.mesh import MeshFile
+from strainsight.config.parameters import GuessFrom, MaterialParameter
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, InfeasibleError, UserError, blame
 from strainsight.experiment.layout.gauge_list import sites_of
 from strainsight.experiment.recorded import named_regions

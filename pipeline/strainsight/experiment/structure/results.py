@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from strainsight.config.imported import ModesOfResults, ResponseOfLoad, ResultsSection, Step
 from strainsight.config.loads import LoadSection
-from strainsight.config.mesh import MeshFile, ModesOfResults, ResponseOfLoad, ResultsSection, Step
+from strainsight.config.mesh import MeshFile
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.experiment.structure.references import load_shapes
 from strainsight.fem.affine import Parameter, of_stiffness

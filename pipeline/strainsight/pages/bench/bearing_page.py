@@ -15,7 +15,8 @@ from strainsight.pages.chart.panels import band, legend_above, plain_axis, time_
 from strainsight.pages.page.markup import figure as card
 from strainsight.pages.page.markup import figures, measure, table
 from strainsight.pages.page.sections import document, section
-from strainsight.records.bench import BallsThen, BearingCase, BearingDisplaced, RingEstimate
+from strainsight.records.bearing import BearingCase, BearingDisplaced
+from strainsight.records.bench import BallsThen, RingEstimate
 from strainsight.text import number, quantity
 
 CONTACTS = ("inner left", "inner right", "outer left", "outer right")

@@ -13,7 +13,8 @@ import numpy as np
 from strainsight.estimation.decision import DIVERGED, FAULTS, LOST, Claim, check_ratio
 from strainsight.pages.arrays import FloatArray, History, Reading
 from strainsight.pages.placement.data import Criteria, MetricWords, Trend
-from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated
+from strainsight.records.bench import BenchEstimated, Simulated
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.runner.output import Scalar
 
 

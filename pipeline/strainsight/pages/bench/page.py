@@ -29,7 +29,8 @@ from strainsight.pages.page.sections import advice_card, document, notes_card, p
 from strainsight.pages.placement.figures import trend_figure
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
-from strainsight.records.bench import BenchPlaced, DriveMotion, RingMotion
+from strainsight.records.bench import DriveMotion, RingMotion
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.runner.output import Scalar
 from strainsight.text import number, percent, prefix, quantity, short
 

@@ -16,7 +16,7 @@ from strainsight.pages.bench.bearing_page import (
     bearing_page,
     case_rows,
 )
-from strainsight.records.bench import BearingCases, BearingCurve, BearingCurves, BearingResults
+from strainsight.records.bearing import BearingCases, BearingCurve, BearingCurves, BearingResults
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table, warnings_table
 from strainsight.runner.stage import Context, Stage

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.experiment.bench.bench import Bench, bench_of
 from strainsight.mesh.model import Mesh
-from strainsight.records.bench import BenchPlaced, ReducedBodies, ReducedBody
+from strainsight.records.bench import ReducedBodies, ReducedBody
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.runner.stage import Context

@@ -17,7 +17,8 @@ from strainsight.pages.picture.scene import draw_or_explain
 from strainsight.pages.space.model import ShownState
 from strainsight.pages.space.section import space_section
 from strainsight.pages.view.viewing import View, screenshots, untitled
-from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated, SurfaceHistory
+from strainsight.records.bench import BenchEstimated, Simulated, SurfaceHistory
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.record import read, unit_of
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Dataset, Output

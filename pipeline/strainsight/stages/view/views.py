@@ -15,7 +15,8 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import Gauge, PictureLayout
 from strainsight.pages.view.viewing import DOTS, Panel, View
-from strainsight.records.bench import PLACED, BenchPlaced, ReducedBodies, ReducedBody
+from strainsight.records.bench import ReducedBodies, ReducedBody
+from strainsight.records.bench_placed import PLACED, BenchPlaced
 from strainsight.records.estimated import estimated_in
 from strainsight.records.mesh import Meshes, mesh_from
 from strainsight.records.record import read

@@ -35,7 +35,8 @@ from strainsight.placement.baselines import random_sets
 from strainsight.placement.criteria import Metric
 from strainsight.placement.limits import Limits
 from strainsight.placement.scenario import Pool, Scenario, solve_pool
-from strainsight.records.bench import PLACED, BenchCandidates, BenchLayout, BenchPlaced, ReducedBody
+from strainsight.records.bench import ReducedBody
+from strainsight.records.bench_placed import PLACED, BenchCandidates, BenchLayout, BenchPlaced
 from strainsight.records.record import record_from
 from strainsight.runner.output import Output, Scalar, Table
 
