@@ -295,6 +295,7 @@ def placement_page(
         sections.section("Load cases", load_cases_table(report), "load-cases"),
         sections.section("Gauges", gauge_table(report)),
         _influence(report.influence),
+        figures(select_figures(drawings, "frequency-response"), "<h2>Frequency response</h2>"),
         sheets_section(sheets),
         sections.budget_section(report.budget),
         _trend(report, drawings),

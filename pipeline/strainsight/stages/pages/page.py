@@ -71,6 +71,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         budget={} if budget is None else budget.shares,
         advice=place.advice,
         influence=next((table for table in up["place"].tables if table.title.startswith(INFLUENCE)), None),
+        frequency_response=place.frequency_response,
         observability={"condition": place.observability.condition},
         truth_description=str(validate.summary["description"]),
         filters=validated.compared,
