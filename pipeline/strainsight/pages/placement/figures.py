@@ -18,6 +18,7 @@ from strainsight.pages.chart.drawing import (
     SERIES,
     SKY,
     VERMILION,
+    WIDE,
     Drawing,
     figure,
     gauge_colour,
@@ -129,7 +130,7 @@ def trend_figure(trend: Trend) -> Drawing:
 def frequency_response_figure(response: FrequencyResponse) -> Drawing:
     """Magnitude of the strain per unit load over frequency, one panel per load, with the natural frequencies that it excites."""
     frequency, count = response.frequency[1:], len(response.load)
-    canvas, *panels = figure(0.9 + 2.1 * count, (1.0,) * count)
+    canvas, *panels = figure(0.9 + 2.2 * count, (1.0,) * count, width=2 * WIDE)
     peaks = []
     for i, (axes, load, unit) in enumerate(zip(panels, response.load, response.unit, strict=True)):
         scale, per = PER_LOAD.get(unit, (1.0, unit))
