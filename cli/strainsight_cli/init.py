@@ -183,9 +183,8 @@ def show_next(target: Path, hints: Suggestion) -> None:
         first = "fill in the blank lines, and check the other lines marked ←"
         for problem in (error, *error.others):
             say(f"{problem.where}  {problem.key}: {problem.what}")
-    if not hints.solids:
-        nothing = "the deck has no solids, no shells and no beams with a cross-section to bond gauges on"
-        first = f"{nothing}; set `mesh.matrices` and `gauges.strain_operator`. Then {first}"
+    if hints.no_surface:
+        first = f"{hints.no_surface} Then {first}"
     say(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 
 

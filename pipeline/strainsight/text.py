@@ -12,6 +12,8 @@ PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 READINGS = {"strain": "strain", "m/s^2": "acceleration", "m/s²": "acceleration", "m": "displacement"}
 """What a gauge reads, by the unit that the artefacts state."""
 PREFIXED_UNITS = frozenset({"Pa", "N", "N·m", "Nm", "N/m", "Hz", "W", "J"})
+PER_LOAD = {"N": (1e3, "kN"), "N m": (1e3, "kN m"), "Pa": (1e6, "MPa")}
+"""Unit of a load → size and name of the unit for which readings are given."""
 SMALL = 5e-5
 """Ratio below which it is no longer shown in per cent."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -16,7 +16,7 @@ from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.section_shapes import section_of_shape
 from strainsight.mesh.thin import BeamSection, ShellBlock, ShellSection
-from strainsight.mesh.thin_faces import with_faces, with_sides
+from strainsight.mesh.thin_faces import lines_without_sides, with_faces, with_sides
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.edges import sharp_edges
 from strainsight.sensors.faces import faces_of
@@ -224,6 +224,20 @@ def test_rods_and_released_beams_have_no_sides():
     mesh = with_sides(replace(beam, beams=(replace(beam.beams[0], released=released),)))
     assert len(mesh.arms) == 16
     assert (mesh.beams[0].on_sides[0] == -1).all()
+
+
+def test_line_elements_without_sides_are_named_by_region():
+    """Of five beams those with released ends, three of them by id, or those among some ids; of rods all."""
+    beam = straight(5, section=SECTION)
+    block = beam.beams[0]
+    released = block.released.copy()
+    released[1:, 0, 5] = True
+    mesh = with_sides(replace(beam, beams=(replace(block, released=released),)))
+    name, ids = beam.regions[int(block.region[0])].name, block.ids
+    assert lines_without_sides(mesh) == f"4 line elements ({name}: {ids[1]}, {ids[2]}, {ids[3]}, …)"
+    assert lines_without_sides(mesh, ids[:2]) == f"1 line element ({name}: {ids[1]})"
+    assert lines_without_sides(with_sides(beam)) == ""
+    assert lines_without_sides(with_sides(straight(2, kind="rod", section=SECTION))).startswith("2 line elements (")
 
 
 @pytest.mark.parametrize("along", [(1.0, 0.0, 0.0), (0.3, -0.2, 0.5)])

@@ -26,6 +26,7 @@ from strainsight.pages.placement.data import (
 )
 from strainsight.pages.suite.data import PlacementRun, Suite
 from strainsight.records.estimated import Posterior
+from strainsight.records.placed import FrequencyResponse
 
 ONE, TWENTY = (0.00169, 3.21), (0.555, 1.49)
 """Bands of one draw and of twenty."""
@@ -127,6 +128,17 @@ def posterior(value, density, prior):
     return Posterior(value=value, density=density, prior=prior, left=0.1, peak=np.empty(0), share=np.empty(0))
 
 
+def oscillators():
+    """Strain of four gauges per N of two loads, each with one mode: H = c/(1 − r² + 2iζr), r = f/f₁."""
+    frequency = np.unique(np.append(np.geomspace(4, 120, 60), [0.0, 40.12, 58.9]))
+    r = frequency[:, None, None] / np.array([40.12, 58.9])
+    H = 1e-8 * np.arange(1, 5)[:, None] * np.array([1.0, 0.3]) / (1 - r**2 + 0.02j * r)
+    return FrequencyResponse(
+        load=("tip", "thrust"), unit=("N", "N"), channel=("G1", "G2", "G3", "G4"), gauge=np.arange(4), frequency=frequency,
+        magnitude=np.abs(H), phase=np.angle(H), natural=np.array([40.12, 58.9]), excited=np.eye(2, dtype=bool),
+    )  # fmt: skip
+
+
 @pytest.fixture
 def full():
     return report
@@ -176,6 +188,7 @@ def report(**changes):
             {"tip": np.array([0.06, 0.159, 0.41]), "E": np.array([9.1e-5, 0.000814, 0.0042])},
         ),
         frequencies=(40.12, 58.9, 247.3),
+        frequency_response=oscillators(),
         metrics=METRICS,
         criteria=(
             Criteria("elimination, exchange", (2.62, 0.047, 1.7), {"tip": 1.15e3, "E": 1.65e8}),

@@ -23,7 +23,7 @@ from strainsight.rom.modal_step import (
     simulate,
     steady_start,
 )
-from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
+from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix, frequency_response
 
 from .models import DAMPINGS, IDS, positive, scales, shape, system, two_materials
 
@@ -36,6 +36,17 @@ def one_material(lam: np.ndarray, damping: Damping) -> ReducedModel:
     stiffness, mass = AffineOperator(zero, {"E": np.diag(lam)}), AffineOperator(zero, {"rho": np.eye(n)})
     S = np.random.default_rng(0).standard_normal((n, 2))
     return ReducedModel(mass, stiffness, S, ("Fx", "Fz"), {"E": 1.0, "rho": 1.0}, damping)
+
+
+@pytest.mark.parametrize("damping", DAMPINGS[1:], ids=IDS[1:])
+def test_frequency_response_is_that_of_the_first_order_system(damping):
+    """H = R [1 0](iω − A)⁻¹ B at parameter values where nothing commutes; static, at a mode and above all modes."""
+    model, theta = two_materials(3, damping, on_mass=True), {"E": 1.3, "rho": 0.8}
+    A, B = system(model, theta)
+    R, n = np.random.default_rng(5).standard_normal((3, model.size)), model.size
+    frequency = np.append([0.0, 1.0, 300.0], np.abs(np.linalg.eigvals(A).imag) / (2 * np.pi))
+    expected = [R @ np.linalg.solve(2j * np.pi * f * np.eye(2 * n) - A, B)[:n] for f in frequency]
+    np.testing.assert_allclose(frequency_response(model, theta, R, frequency), expected, rtol=1e-8)
 
 
 def system_slope(model: ReducedModel, theta, name: str) -> tuple[np.ndarray, np.ndarray]:

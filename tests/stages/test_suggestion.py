@@ -126,7 +126,7 @@ def test_a_frame_of_beams_has_its_sides_and_its_sets(tmp_path):
     lines += ["PBARL,1,1,,BAR", ",0.03,0.04", "ENDDATA"]
     (tmp_path / "frame.bdf").write_text("\n".join(lines), encoding="ascii")
     found = suggestion(tmp_path / "frame.bdf")
-    assert found.solids
+    assert not found.no_surface
     assert [(place.name, place.supported) for place in found.places if place.kind == "set"] == [("SET1-7", True)]
     faces = [place for place in found.places if place.kind == "face"]
     assert len(faces) == 4

@@ -53,7 +53,8 @@ class Suggestion:
     length_unit, mass_unit   units that give plausible material data; empty if no units do, with the reason in `odd`
     region           id of the largest region; several_moduli: it is a laminate or anisotropic; youngs_modulus [Pa] or None
     lacking          missing material data
-    supports, solids whether the deck has supports, and solid elements
+    supports         whether the deck has supports
+    no_surface       why no gauge can be placed, with the remedy; empty for a deck with a surface
     support_sets     ids of support sets, or numbers of steps (support_key), if the deck does not select one
     unsupported      entities that change the model: name for `mesh.ignore`, number, file:line of the first
     places           possible locations of loads and supports, the most likely first; set_names: names of sets of the deck
@@ -74,7 +75,7 @@ class Suggestion:
     youngs_modulus: float | None = 2.0e11
     lacking: tuple[MissingMaterial, ...] = ()
     supports: bool = True
-    solids: bool = True
+    no_surface: str = ""
     support_sets: tuple[int, ...] = ()
     support_key: Literal["spc", "step"] = "spc"
     unsupported: tuple[tuple[str, int, str], ...] = ()

@@ -157,7 +157,7 @@ def template(
         else "",
         times=times(train),
         initial=f"{{{', '.join(f'{unknown}: {0.1 if modulus else 1.0}' for unknown in unknowns)}}}",
-        channels=channels(name, loads, keep, modulus, settled) if suggestion.solids else "",
+        channels=channels(name, loads, keep, modulus, settled) if not suggestion.no_surface else "",
     )
 
 
@@ -201,7 +201,7 @@ def _type(suggestion: Suggestion) -> str:
     """Suitable gauge type; undecided for a deck without surface or with implausible units."""
     if suggestion.gauge_type:
         return TYPE.format(name=suggestion.gauge_type)
-    return NO_TYPE if suggestion.solids and suggestion.length_unit and not suggestion.thin else OPEN_TYPE
+    return NO_TYPE if not suggestion.no_surface and suggestion.length_unit and not suggestion.thin else OPEN_TYPE
 
 
 def run_name(deck: str) -> str:

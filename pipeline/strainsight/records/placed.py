@@ -280,6 +280,23 @@ class Influence:
 
 
 @record
+class FrequencyResponse:
+    """Frequency response functions of the strain gauges of the layout at the guess."""
+
+    load: tuple[str, ...] = dataset("1", "/load", "names of the loads")
+    unit: tuple[str, ...] = dataset("1", "/load", "unit of every load")
+    channel: tuple[str, ...] = dataset("1", "/channel", "labels of the strain channels")
+    gauge: np.ndarray = dataset("1", "/channel", "number of the gauge of every channel in the layout, from 0")
+    frequency: np.ndarray = dataset("Hz", "/frequency", "frequencies, ascending from 0")
+    magnitude: np.ndarray = dataset(
+        "SI", "/frequency × /channel × /load", "amplitude of the strain per unit amplitude of every load"
+    )
+    phase: np.ndarray = dataset("rad", "/frequency × /channel × /load", "phase of the strain relative to the load")
+    natural: np.ndarray = dataset("Hz", "/natural", "natural frequencies, each of them in frequency")
+    excited: np.ndarray = dataset("1", "/natural × /load", "1 if the load excites the mode of this natural frequency")
+
+
+@record
 class AtGauges:
     """Bonding conditions at the gauge locations, for the final set or any set."""
 
@@ -381,6 +398,7 @@ class Placed(PlacedLayout):
     budget: Budget | None = group(default=None)
     observability: Observability = group()
     influence: Influence | None = group(default=None)
+    frequency_response: FrequencyResponse | None = group(default=None)
     hot_spots: HotSpots | None = group(default=None)
     at_gauges: AtGauges | None = group(default=None)
     by_case: ByCase | None = group(path="/load_cases", what="<what>", default=None)

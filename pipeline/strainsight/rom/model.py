@@ -136,6 +136,20 @@ def accelerations(model: ReducedModel, theta: Mapping[str, float], x: np.ndarray
     return np.asarray(np.linalg.solve(model.mass.at(theta), force.T).T)
 
 
+def frequency_response(
+    model: ReducedModel, theta: Mapping[str, float], rows: np.ndarray, frequency: np.ndarray
+) -> np.ndarray:
+    """Frequency response functions H (f, m, n_u) of readings R q (rows R (m, n)), complex, at frequencies (f,) [Hz]:
+
+        H(ω) = R (K + iωC − ω²M)⁻¹ S = R Φ (Λ + iω c(Λ) − ω²)⁻¹ Φᵀ S,     ω = 2πf
+
+    Coordinates above the modes of interest contribute their static residual: at 0 Hz H = R K⁻¹ S."""
+    lam, Phi = modal_basis(model, theta)
+    omega = 2 * np.pi * frequency[:, None]
+    dynamic_stiffness = lam + 1j * omega * model.damping.at(theta).viscous(lam)[0] - omega**2
+    return np.asarray(((rows @ Phi) / dynamic_stiffness[:, None]) @ (Phi.T @ model.input_shape_at(theta)))
+
+
 def damping_derivative(model: ReducedModel, theta: Mapping[str, float], name: str) -> np.ndarray:
     """∂C/∂θ_name (n, n), consistent with `damping_matrix`: with A = M⁻¹K and C = M c(A),
 

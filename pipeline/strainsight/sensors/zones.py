@@ -12,6 +12,7 @@ from strainsight.errors import InfeasibleError, UserError, blame, did_you_mean
 from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.projection import covered
+from strainsight.mesh.thin_faces import NO_SIDES, WITH_SIDES, lines_without_sides
 from strainsight.sensors.edges import constrained_nodes, near_segments, sharp_edges
 from strainsight.sensors.surface import facet_centres, unit_vector
 
@@ -220,10 +221,13 @@ def admissible(
         before, remaining = remaining, remaining & mask
         trail.append(f"{np.count_nonzero(remaining)} {what}")
         if not remaining.any():
+            lines = lines_without_sides(mesh, mesh.element_sets.get(surface))
             raise InfeasibleError(
                 f"no admissible facet remains for a gauge: {where} removes the last {np.count_nonzero(before)} facets. "
-                f"Facets remaining after each step: {', '.join(trail)}",
+                f"Facets remaining after each step: {', '.join(trail)}"
+                f"{f'. No facets on {lines}, because {NO_SIDES}' * bool(lines)}",
                 key=where,
-                remedy="Choose another surface, larger included zones or smaller excluded zones.",
+                remedy="Choose another surface, larger included zones or smaller excluded zones, or use smaller elements at "
+                f"supports and ties.{f' {WITH_SIDES}.' * bool(lines)}",
             )
     return np.flatnonzero(remaining), centre, normal

@@ -20,6 +20,7 @@ from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import ChoiceError, ContactError, StrainsightError, UserError
 from strainsight.experiment.structure.mesh import free_motions, mesh_of
 from strainsight.experiment.structure.reduction import modes_of
+from strainsight.experiment.structure.references import without_surface
 from strainsight.experiment.system import silent
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.assigned_sections import GivenSection
@@ -83,7 +84,7 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
         lacking=tuple(_lacking(converted)),
         supports=len(mesh.held) > 0,
-        solids=converted.has_surface,
+        no_surface="" if converted.has_surface else _no_surface(converted),
         places=tuple(_places(converted, facets, faces, by_which)) if units else (),
         support_sets=sets,
         support_key=key,
@@ -101,6 +102,11 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
         face_at=str if facets is None or faces is None else _face_at(converted, facets, faces),
         facts=tuple(_facts(converted)) if units else (),
     )
+
+
+def _no_surface(mesh: Mesh) -> str:
+    error = without_surface(mesh)
+    return f"{error.what}. {error.remedy}"
 
 
 def _facts(mesh: Mesh) -> Iterator[tuple[str, str]]:

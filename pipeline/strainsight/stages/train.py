@@ -26,6 +26,7 @@ from strainsight.experiment.structure.references import load_units
 from strainsight.experiment.structure.screening import screened_of
 from strainsight.experiment.structure.training import trained
 from strainsight.measurements.calibration import LARGE_STRAIN
+from strainsight.mesh.thin_faces import NO_SIDES
 from strainsight.ordering import index_of_largest
 from strainsight.records.placed import Observed
 from strainsight.records.record import written
@@ -89,6 +90,7 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
                 f"locations omitted for lack of an opposite facet for the arms of a bridge: {surface.alone}",
             ),
             (surface.twice, f"duplicate bridges omitted (same bridge from the opposite side): {surface.twice}"),
+            (len(surface.lines), f"no candidates on {surface.lines}, because {NO_SIDES}"),
             (
                 len(surface.empty),
                 f"no surface facet in the zone {', '.join(surface.empty)}: specify the zone in metres, in deck coordinates",

@@ -12,9 +12,11 @@ import pytest
 
 from strainsight.config.placement import Report
 from strainsight.estimation.decision import Benefit
+from strainsight.pages.chart.drawing import recorded_figures
 from strainsight.pages.page.sections import SPACE_SCRIPTS, text_of
-from strainsight.pages.placement.figures import elbow, placement_figures
+from strainsight.pages.placement.figures import elbow, frequency_response_figure, placement_figures
 from strainsight.pages.placement.page import placement_page
+from strainsight.runner.output import Table
 
 from ...models import compute_once
 from ...shared import slowly
@@ -203,13 +205,35 @@ def test_a_full_report_has_every_figure_once_small_and_with_units(full):
     keys = [drawing.key for drawing in drawings]
     assert len(keys) == len(set(keys))
     assert {"trend", "noise", "repeats-E", "signal-G4", "estimate-tip", "closing-E", "posterior-E"} < set(keys)
-    assert {"random-errors-tip", "random-errors-E", "random-histories-E"} < set(keys)
+    assert {"frequency-response", "random-errors-tip", "random-errors-E", "random-histories-E"} < set(keys)
     assert "random-histories-tip" not in keys
     for drawing in drawings:
         assert len(drawing.svg) < 200 * 1024
         assert "[" in drawn_words(drawing)
         assert drawing.alt
         assert drawing.caption
+
+
+def test_frequency_response_has_a_panel_per_load_after_the_influence_matrix(full):
+    """Curves in µm/m per kN over all frequencies but 0 Hz, a dashed line at each excited natural frequency."""
+    influence = Table("influence matrix", ("channel", "unit", "per kN of tip"), (("G1", "µm/m", "10"),))
+    report = full(influence=influence)
+    response = report.frequency_response
+    with recorded_figures() as drawn:
+        drawing = frequency_response_figure(response)
+    panels = drawn[drawing.svg].axes
+    assert [axes.get_ylabel() for axes in panels] == ["tip\n[µm/m per kN]", "thrust\n[µm/m per kN]"]
+    for axes, natural, scale in zip(panels, (40.12, 58.9), (1.0, 0.3), strict=True):
+        assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+        assert [segment[0][0] for segment in axes.collections[0].get_segments()] == [natural]
+        for gauge, curve in enumerate(axes.lines, start=1):
+            np.testing.assert_array_equal(curve.get_xdata(), response.frequency[1:])
+            # static 0.01 µm/m per N, 50 times as much at the mode
+            assert curve.get_ydata().max() == pytest.approx(500 * gauge * scale, rel=1e-9)
+    assert "per kN of thrust 600 µm/m at 58.9 Hz" in drawing.alt
+    text = page(report)
+    assert text.index("Influence matrix</h2>") < text.index("Strain per unit load over frequency") < text.index("Quality of the")
+    assert "Frequency response</h2>" not in page(full(frequency_response=None), drawn=True)
 
 
 def test_the_elbow_is_where_two_straight_lines_meet():

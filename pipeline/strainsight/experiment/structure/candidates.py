@@ -15,7 +15,7 @@ from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, sites_of, strain_candidates, zone_of
 from strainsight.experiment.recorded import named_regions
 from strainsight.experiment.structure.bonded_gauges import AXES, STRAIN_KINDS, USED, BondedPlace, read_bonded
-from strainsight.experiment.structure.references import families
+from strainsight.experiment.structure.references import families, without_surface
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter
 from strainsight.fem.by_region import interpolated
 from strainsight.loads.linearisation import Sensed
@@ -23,6 +23,7 @@ from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS, Thickness, thickness_of
+from strainsight.mesh.thin_faces import lines_without_sides
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, accelerations
 from strainsight.sensors.bonded import BondedEntry, StrainGauges, bonded, bridges
@@ -53,11 +54,12 @@ class OnSurface(StrainGauges):
     """All channels that the config allows, bonded gauges first.
 
     names: of bonded gauges, empty if unnamed; moved (bonded,) [m]: distance each was moved to the surface; empty: keys of zones
-    that contain no facet."""
+    that contain no facet; lines: line elements without a surface, in words."""
 
     names: tuple[str, ...] = ()
     moved: np.ndarray = field(default_factory=lambda: np.zeros(0))
     empty: tuple[str, ...] = ()
+    lines: str = ""
 
 
 def candidates_on_surface(
@@ -68,12 +70,7 @@ def candidates_on_surface(
     files: `gauges.fixed_file`; basis (3 nodes, n): displacement per reduced coordinate; moment (n, n): mean of q qᵀ in training,
     for principal directions."""
     if not mesh.has_surface:
-        raise ConfigError(
-            "the mesh has no surface, because it has no solids, shells or beams with a cross-section",
-            key="gauges.surface",
-            remedy="Use beams without pin flags instead of rods, or import matrices (mesh.matrices) and strain operators "
-            "(gauges.strain_operator).",
-        )
+        raise without_surface(mesh)
     facets, parts, distance = exterior_facets(mesh), [], np.zeros(0)
     fixed = fixed_gauges(config.gauges, files.get("gauges.fixed_file"))
     if fixed:
@@ -100,7 +97,8 @@ def candidates_on_surface(
             )
     names = tuple(entry.name for entry in fixed)
     empty = _empty_zones(mesh, facets, config)
-    return OnSurface(concatenate(parts), strain.alone, strain.twice, strain.left_out, names, distance, empty)
+    lines = lines_without_sides(mesh)
+    return OnSurface(concatenate(parts), strain.alone, strain.twice, strain.left_out, names, distance, empty, lines)
 
 
 def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Influence matrix of a layout: static readings per unit of each load, and signal-to-noise ratios."""
+"""Readings of a layout per unit of each load: influence matrix (static) and frequency response functions."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 
 from strainsight.experiment.layout.gauge_list import GaugeList, channel_labels
 from strainsight.experiment.structure.structure import Structure
-from strainsight.records.placed import Influence
+from strainsight.records.placed import FrequencyResponse, Influence
 from strainsight.records.training import Screened
+from strainsight.rom.model import frequency_response
 from strainsight.runner.output import Table
-from strainsight.sensors.candidates import ACCELERATION, UNITS
-from strainsight.text import reading_unit
+from strainsight.sensors.candidates import ACCELERATION, STRAIN, UNITS
+from strainsight.text import PER_LOAD, reading_unit
 
 FREE = 1e-9
 """Square of the lowest frequency over that of the highest mode below which a structure has no static response."""
@@ -47,13 +48,11 @@ def influence_of(
 
 INFLUENCE = "influence matrix: static readings per unit load"
 """Title of the table, before its condition number."""
-PER = {"N": (1e3, "kN"), "N m": (1e3, "kN m"), "Pa": (1e6, "MPa")}
-"""Unit of a load for which readings are given."""
 
 
 def influence_table(influence: Influence, listed: GaugeList) -> Table:
     """Table of the influence matrix of a layout."""
-    scales = [PER.get(unit, (1.0, unit)) for unit in influence.unit]
+    scales = [PER_LOAD.get(unit, (1.0, unit)) for unit in influence.unit]
     labels, quantities, rows = channel_labels(listed), listed.channels.quantity, []
     for i, values in enumerate(influence.reading * [scale for scale, _ in scales]):
         factor, shown = reading_unit(float(np.abs(values).max()), UNITS[int(quantities[i])])
@@ -62,3 +61,58 @@ def influence_table(influence: Influence, listed: GaugeList) -> Table:
     condition = "" if influence.condition is None else f"; condition number {influence.condition:.3g}"
     columns = ("channel", "unit", *heads, "RMS in training over noise")
     return Table(f"{INFLUENCE}{condition}", columns, tuple(rows))
+
+
+EXCITED = 1e-6
+"""Share of a mode in the static strain, relative to that of the largest one, from which a load excites the mode."""
+LOWEST, HIGHEST, POINTS = 0.1, 1.05, 200
+"""First frequency over the first natural frequency, last one over the last natural frequency, and number in equal ratios."""
+AROUND = np.array([-3.0, -1.0, -0.5, 0.0, 0.5, 1.0, 3.0])
+"""Further frequencies at each natural frequency, in half-power half-widths ζ f."""
+
+
+def frequency_response_of(structure: Structure, listed: GaugeList, channels: np.ndarray) -> FrequencyResponse | None:
+    """Frequency response functions of the strain gauges at the guess, from 0 Hz to the last mode of the reduced model.
+
+    channels (m,) of the listed gauges. None for a quasi-static model, without damping, for a structure that can move freely,
+    without strain gauges, and if no load excites a mode."""
+    training, model, last = structure.training, structure.reduced.model, float(structure.reduced.frequency[-1])
+    is_strain = training.candidates.quantity[channels] == STRAIN
+    lam = np.diag(model.stiffness.at(model.reference))
+    if structure.config.train.model == "static" or not is_strain.any() or lam.min() <= FREE * lam.max():
+        return None
+    rows = training.rows[channels[is_strain]]
+    share = np.abs(rows).max(axis=0)[:, None] * np.abs(model.input_shape) / lam[:, None]
+    modes = np.flatnonzero(lam <= (2 * np.pi * HIGHEST * last) ** 2)
+    excited = share[modes] > EXCITED * share.max(axis=0)
+    half_width = model.damping.at(model.reference).viscous(lam)[0][modes] / (4 * np.pi)
+    if not excited.any() or not half_width.all():
+        return None
+    natural = np.sqrt(lam[modes]) / (2 * np.pi)
+    around = natural[:, None] + half_width[:, None] * AROUND
+    between = np.geomspace(LOWEST * natural.min(), HIGHEST * last, POINTS)
+    frequency = np.unique(np.concatenate([[0.0], between, around[around > 0]]))
+    H = frequency_response(model, model.reference, rows, frequency)
+    return FrequencyResponse(
+        load=tuple(model.inputs),
+        unit=tuple(structure.config.loads[name].unit for name in model.inputs),
+        channel=tuple(label for label, strain in zip(channel_labels(listed), is_strain, strict=True) if strain),
+        gauge=listed.channels.gauge[is_strain],
+        frequency=frequency,
+        magnitude=np.abs(H),
+        phase=np.angle(H),
+        natural=natural,
+        excited=excited,
+    )
+
+
+def frequency_response_table(response: FrequencyResponse) -> Table:
+    """Table of the magnitude at 0 Hz and at the natural frequencies that each load excites."""
+    rows = []
+    for i, (load, unit) in enumerate(zip(response.load, response.unit, strict=True)):
+        scale, per = PER_LOAD.get(unit, (1.0, unit))
+        for frequency in (0.0, *response.natural[response.excited[:, i]]):
+            strain = 1e6 * scale * response.magnitude[np.searchsorted(response.frequency, frequency), :, i]
+            rows.append((load, f"{frequency:.4g}", f"µm/m per {per}", *(f"{x:.4g}" for x in strain)))
+    title = "FRF: magnitude of the frequency response functions, static and at the excited natural frequencies"
+    return Table(title, ("load", "frequency [Hz]", "unit", *response.channel), tuple(rows))

@@ -49,7 +49,12 @@ from strainsight.experiment.structure.expectation import (
     unresolved_gauges,
     worst_case,
 )
-from strainsight.experiment.structure.influence import influence_of, influence_table
+from strainsight.experiment.structure.influence import (
+    frequency_response_of,
+    frequency_response_table,
+    influence_of,
+    influence_table,
+)
 from strainsight.experiment.structure.pool import pool_of, prices
 from strainsight.experiment.structure.problem import (
     Problem,
@@ -71,7 +76,15 @@ from strainsight.loads.observability import Observability, observability
 from strainsight.mesh.model import Mesh
 from strainsight.placement.limits import Limits
 from strainsight.placement.scenario import Pool, Scenario, solve_named_pool, solve_pool
-from strainsight.records.placed import AtGauges, ByCase, HotSpots, Influence, Placed, budget_of_shares
+from strainsight.records.placed import (
+    AtGauges,
+    ByCase,
+    FrequencyResponse,
+    HotSpots,
+    Influence,
+    Placed,
+    budget_of_shares,
+)
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
@@ -83,12 +96,14 @@ from strainsight.sensors.screening import KEPT, NEAR, WEAK
 class StructurePlacement(Placement):
     """Result of a placement on a structure; σ is relative to the scale of an unknown.
 
-    condition: observability by the pool in the worst load case; influence: None for a free structure; hot_spots: None without a
-    solid mesh; at_gauges: strain gradient and access, None without a surface; by_case: None without load cases."""
+    condition: observability by the pool in the worst load case; influence: None for a free structure; frequency_response:
+    None also for a quasi-static model; hot_spots: None without a solid mesh; at_gauges: strain gradient and access, None without
+    a surface; by_case: None without load cases."""
 
     problem: Problem
     condition: Observability
     influence: Influence | None
+    frequency_response: FrequencyResponse | None
     hot_spots: HotSpots | None
     at_gauges: AtGauges | None
     by_case: ByCase | None
@@ -125,12 +140,14 @@ def placement_of(
         *placement.advice,
         *subject.slow_loads(gauges, placement.expected),
     )
+    channels = structure.pool.channels(gauges)
     noted = replace(listed, notes=notes_at_gauges(sites, len(listed.labels)))
     return StructurePlacement(
         **vars(replace(placement, advice=advice, listed=noted)),
         problem=subject.problem,
         condition=_worst_observability(placement, subject),
-        influence=influence_of(structure, screened, structure.pool.channels(gauges), placement.expected.reference),
+        influence=influence_of(structure, screened, channels, placement.expected.reference),
+        frequency_response=frequency_response_of(structure, listed, channels),
         hot_spots=hot,
         at_gauges=sites,
         by_case=by_case,
@@ -370,6 +387,7 @@ def placement_output(placement: StructurePlacement, mesh: Mesh, config: Placemen
         budget=budget_of_shares(expected.budget),
         observability=condition,
         influence=placement.influence,
+        frequency_response=placement.frequency_response,
         hot_spots=hot,
         at_gauges=placement.at_gauges,
         by_case=by_case,
@@ -382,6 +400,8 @@ def placement_output(placement: StructurePlacement, mesh: Mesh, config: Placemen
         tables = (case_table(by_case, placement.task.criterion.symbol, units), *tables)
     if placement.influence is not None:
         tables += (influence_table(placement.influence, placement.listed),)
+    if placement.frequency_response is not None:
+        tables += (frequency_response_table(placement.frequency_response),)
     if hot is not None:
         numbers |= {"hot_spots": int(hot.hot.sum())}
         tables += (hot_spot_table(hot, placement.listed.labels),)

@@ -32,6 +32,7 @@ from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.properties import OF_MASS, PLY_MODULI, SECTION_FACTORS, THICKNESS, value_of, with_value
 from strainsight.mesh.sanity import attached
 from strainsight.mesh.thin import BeamBlock, ShellBlock
+from strainsight.mesh.thin_faces import NO_SIDES, WITH_SIDES, lines_without_sides
 from strainsight.runner.artefact import Artefact
 from strainsight.sensors.zones import admissible
 
@@ -322,13 +323,27 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
                     _check_mass(config, mesh, forces)
             else:
                 loaded_nodes(mesh, load)
-    if not mesh.has_surface or config.gauges.strain_operator is not None:
+    if config.gauges.strain_operator is not None:
+        return
+    if not mesh.has_surface:
+        if config.loads:  # a config of the mesh alone is for modes
+            raise without_surface(mesh)
         return
     facets = exterior_facets(mesh)
     for key, sensors in families(config).items():
         # an empty surface is reported by `train`
         with suppress(InfeasibleError):
             admissible(mesh, facets, **sites_of(sensors), key=key)
+
+
+def without_surface(mesh: Mesh) -> ConfigError:
+    """The error of a mesh without surface for gauges."""
+    lines = lines_without_sides(mesh)
+    return ConfigError(
+        f"the mesh has no surface for gauges: {f'it consists of {lines}, and {NO_SIDES}' if lines else 'it has no elements'}",
+        key="gauges.surface",
+        remedy=f"{WITH_SIDES}, or import matrices (mesh.matrices) and strain operators (gauges.strain_operator).",
+    )
 
 
 def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:

@@ -17,7 +17,7 @@ from strainsight.estimation.decision import Benefit, Claim
 from strainsight.pages.arrays import FloatArray, History, IntArray, Reading
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.records.estimated import Compared, Posterior
-from strainsight.records.placed import ByCase
+from strainsight.records.placed import ByCase, FrequencyResponse
 from strainsight.runner.output import Table
 
 
@@ -183,8 +183,9 @@ class PlacementReport:
 
     settings: config section `report`; frequencies [Hz]: at the reference; metrics: that of the layout first; criteria: layouts by
     rule, the placed one first; cases: observability cases; observability: name → number;
-    load_cases: None for the configured loads; influence: None for a free structure; budget: unknown → source → share of the
-    expected variance, may be empty; advice, warnings, not_tested: sentences; posteriors: by parameter; filters: comparison;
+    load_cases: None for the configured loads; influence: None for a free structure; frequency_response: None also for a
+    quasi-static model; budget: unknown → source → share of the expected variance, may be empty; advice, warnings, not_tested:
+    sentences; posteriors: by parameter; filters: comparison;
     truth_description: simulated truth; test: result of the test of this layout, may be empty;
     facts: mesh, mass, pool sizes; seconds: stage → computing time [s]; provenance: versions, seed, keys; assumes: rows of model
     assumptions."""
@@ -208,6 +209,7 @@ class PlacementReport:
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     advice: tuple[str, ...] = ()
     influence: Table | None = None
+    frequency_response: FrequencyResponse | None = None
     observability: Mapping[str, float] = field(default_factory=dict)
     truth_description: str = ""
     filters: Compared | None = None

@@ -12,11 +12,13 @@ from strainsight.pages.chart.drawing import (
     BLUE,
     GREEN,
     INK,
+    MUTED,
     ORANGE,
     PURPLE,
     SERIES,
     SKY,
     VERMILION,
+    WIDE,
     Drawing,
     figure,
     gauge_colour,
@@ -32,13 +34,16 @@ from strainsight.pages.chart.panels import (
     focus_on,
     last_periods,
     legend_above,
+    legend_of_lines,
+    log_ticks,
     plain_ticks,
     posterior_figure,
     shown_unit,
     time_axis,
 )
 from strainsight.pages.placement.data import Noise, PlacementReport, RandomSetErrors, Repeats, Trend
-from strainsight.text import READINGS, number, percent, reading_unit, short
+from strainsight.records.placed import FrequencyResponse
+from strainsight.text import PER_LOAD, READINGS, number, percent, reading_unit, short
 
 
 def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
@@ -46,6 +51,8 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
     unknowns = {unknown.name: unknown for unknown in report.unknowns}
     history = {entry.name: entry for entry in report.histories}
     drawings = [trend_figure(report.trend)]
+    if report.frequency_response is not None:
+        drawings.append(frequency_response_figure(report.frequency_response))
     for name, entry in history.items():
         kind = unknowns[name].kind if name in unknowns else "parameter"
         drawings += [estimate_figure(entry), closing_figure(entry, kind)]
@@ -117,6 +124,35 @@ def trend_figure(trend: Trend) -> Drawing:
     ends = f"{number(trend.value[0])} with {every} candidates to {number(trend.final)} with {keep}"
     alt = f"Line chart of the placement criterion from {ends}."
     return Drawing("trend", "Placement criterion versus number of gauges", caption, alt, svg(canvas))
+
+
+@styled()
+def frequency_response_figure(response: FrequencyResponse) -> Drawing:
+    """Magnitude of the strain per unit load over frequency, one panel per load, with the natural frequencies that it excites."""
+    frequency, count = response.frequency[1:], len(response.load)
+    canvas, *panels = figure(0.9 + 2.2 * count, (1.0,) * count, width=2 * WIDE)
+    peaks = []
+    for i, (axes, load, unit) in enumerate(zip(panels, response.load, response.unit, strict=True)):
+        scale, per = PER_LOAD.get(unit, (1.0, unit))
+        strain, natural = 1e6 * scale * response.magnitude[1:, :, i], response.natural[response.excited[:, i]]
+        axes.vlines(natural, 0, 1, color=MUTED, lw=0.7, ls=(0, (2, 2)), transform=axes.get_xaxis_transform())
+        # a curve below an equal one remains visible
+        width = np.linspace(3.0, 1.2, len(strain.T))
+        for curve, gauge, label, lw in zip(strain.T, response.gauge, response.channel, width, strict=True):
+            axes.plot(frequency, curve, color=gauge_colour(gauge), lw=lw, label=label)
+        axes.set(xscale="log", yscale="log", ylabel=f"{short(load)}\n[µm/m per {short(per)}]", xlim=frequency[[0, -1]])
+        log_ticks(axes)
+        top = frequency[np.argmax(strain.max(axis=1))]
+        peaks.append(f"per {per} of {load} {number(strain.max(), 3)} µm/m at {number(top, 3)} Hz")
+    plain_ticks(panels[-1], "x")
+    panels[-1].set_xlabel("frequency [Hz]")
+    legend_of_lines(panels[0], response.channel)
+    caption = (
+        "Amplitude of the strain at each gauge per unit amplitude of each load, with the damping of the model at the guess. "
+        "Dashed: natural frequencies that the load excites. At low frequencies the curves are the influence matrix."
+    )
+    alt = f"Frequency response functions on logarithmic axes; largest strain {'; '.join(peaks)}."
+    return Drawing("frequency-response", "Strain per unit load over frequency", caption, alt, svg(canvas))
 
 
 @styled()

@@ -80,6 +80,7 @@ def placement_page(
 
 def _details(report: PlacementReport, drawings: tuple[Drawing, ...], sheets: tuple[bytes, ...]) -> Iterator[str]:
     """Sections that are not printed."""
+    yield figures(select_figures(drawings, "frequency-response"), "<h2>Frequency response</h2>")
     yield sheets_section(sheets)
     yield _trend(report, drawings)
     yield _signals(report, drawings)

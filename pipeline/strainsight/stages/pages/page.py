@@ -74,6 +74,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         budget={} if place.budget is None else place.budget.shares,
         advice=place.advice,
         influence=next((table for table in up["place"].tables if table.title.startswith(INFLUENCE)), None),
+        frequency_response=place.frequency_response,
         observability={"condition": place.observability.condition},
         warnings=warnings_of(up, names, mesh, config.loads),
         not_tested=_not_tested(up["train"], config, place) if "validate" in up else (NOT_VALIDATED,),
