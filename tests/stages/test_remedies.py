@@ -141,7 +141,8 @@ def test_a_remedy_that_is_followed_makes_the_estimate_right_or_leaves_it_refused
         return
     if changed is None:
         # a factor contains the installation errors of its gauge, so it has no key
-        assert kind == "a factor between those that are tried" and "check bridge and gauge factor" in found.words
+        assert kind == "a factor between those that are tried"
+        assert "check bridge and gauge factor" in found.words
         return
     settings, samples = changed
     if judged(truth, samples, settings).trusted:

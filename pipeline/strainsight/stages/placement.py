@@ -167,7 +167,7 @@ OBSERVE = Stage(
 
 PLACE = Stage(
     "place",
-    version=37,
+    version=38,
     reads=(
         "seed",
         "mesh.length_unit",
