@@ -55,13 +55,13 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
             std = told[f"std.{name}"]
             load = name in config["loads"]
             tile = f"{name}, {'load' if load else 'parameter'}"
-            found[tile, "value"] = [expected] if load else [told[f"estimate.{name}"], expected]
+            found[tile, "value"] = [expected]
             found[tile, "error in the simulated test"] = [told[f"error.{name}"]]
             found[tile, "± expected σ"] = [absolute]
             found[tile, "claimed σ in the simulated test"] = [std]
+            found[tile, f"estimated {'RMS' if load else 'value'}"] = [told[f"estimate.{name}"]]
             if load:
                 found[tile, "true RMS"] = [np.sqrt(np.mean(truth**2))]
-                found[tile, "estimated RMS"] = [told[f"estimate.{name}"]]
                 found[tile, "error of the smoothed estimate"] = [told[f"smoothed.{name}"]]
             else:
                 found[tile, "true value"] = [truth[-1]]

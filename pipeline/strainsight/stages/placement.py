@@ -274,7 +274,7 @@ VALIDATE = Stage(
 
 REPORT = Stage(
     "report",
-    version=28,
+    version=29,
     reads=(
         "name",
         "seed",

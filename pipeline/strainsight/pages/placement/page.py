@@ -96,17 +96,13 @@ def _sigma(unknown: Unknown) -> float | None:
 
 
 def _tile(unknown: Unknown) -> str:
-    """Tile of one unknown: estimate, σ, calibration and further numbers."""
+    """Tile of one unknown: expected σ, calibration and further numbers."""
     load, sigma = unknown.kind == "input", _sigma(unknown)
-    if not load and unknown.estimate is not None:
-        value = measure(unknown.estimate, unknown.unit)
-        value += f' <small class="whole">± {share(sigma)}</small>' if sigma is not None else ""
-    else:
-        value = "σ withheld" if unknown.withheld else f"± {share(sigma)}"
+    value = "σ withheld" if unknown.withheld else f"± {share(sigma)}"
     rows = [
         ("± expected σ", "–" if sigma is None else measure(sigma * unknown.reference, unknown.unit, 3)),
         ("true RMS" if load else "true value", measure(unknown.truth, unknown.unit)),
-        ("estimated RMS", measure(unknown.estimate if load else None, unknown.unit)),
+        ("estimated RMS" if load else "estimated value", measure(unknown.estimate, unknown.unit)),
         ("error in the simulated test", share(unknown.error)),
         ("error of the smoothed estimate", share(unknown.smoothed_error if load else None)),
         ("amplitude of the load", measure(unknown.reference if unknown.zero else None, unknown.unit)),
