@@ -128,12 +128,17 @@ def jib() -> Part:
 PARTS = {"yoke": yoke, "portal": portal, "jib": jib}
 
 
+def deck(part: Part, *cards: str) -> str:
+    """The deck of a part in steel, SI units, with more cards."""
+    head = ("SOL 103", "CEND", "SPC = 1", "BEGIN BULK")
+    return "\n".join([*head, *part.cards, "MAT1,1,2.0E11,,0.3,7850.0", *cards, "ENDDATA", ""])
+
+
 def write_part(folder: Path, name: str, unknown: str) -> Path:
     """Write deck and config of a part with an unknown, "load" or "E", and return the path of the config. The band of the load
     is below the first frequency, its amplitude from the strongest candidate."""
     part = PARTS[name]()
-    text = "\n".join(["SOL 103", "CEND", "SPC = 1", "BEGIN BULK", *part.cards, "MAT1,1,2.0E11,,0.3,7850.0", "ENDDATA", ""])
-    (folder / f"{name}.bdf").write_text(text)
+    (folder / f"{name}.bdf").write_text(deck(part))
     file, load = folder / f"{name}-{unknown}.yaml", unknown == "load"
     near = [[v + way * part.clear for v in part.position] for way in (-1, 1)]
     band, amplitude, h = (5.0, 20.0), 1.0, 1e-3

@@ -27,15 +27,15 @@ def _deck(cards: list[str], loads: list[str]) -> str:
 
 def _tet10(corners: np.ndarray, hexes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Six tetrahedra with mid-side nodes in each hexahedron (Kuhn); corners (n, 3), hexes (e, 2, 2, 2)."""
-    tets = []
+    paths = []
     for cell in hexes:
         for order in permutations(range(3)):
             at, path = [0, 0, 0], [cell[0, 0, 0]]
             for axis in order:
                 at[axis] = 1
                 path.append(cell[tuple(at)])
-            tets.append(path)
-    tets = np.array(tets)
+            paths.append(path)
+    tets = np.array(paths)
     edge = np.linalg.det(corners[tets[:, 1:]] - corners[tets[:, :1]]) < 0
     tets[edge, 2:] = tets[edge, :1:-1]
     pairs = np.sort(tets[:, [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]]], axis=2)

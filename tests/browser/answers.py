@@ -59,7 +59,7 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
             expected = absolute / scale
             load = name in config["loads"]
             tile = f"{name}, {'load' if load else 'parameter'}"
-            found[tile, "value"] = [expected] if load else [told[f"estimate.{name}"], expected]
+            found[tile, "value"] = [expected]
             found[tile, "error in the simulated test"] = [told[f"error.{name}"]]
             found[tile, "± expected σ"] = [absolute]
             if told.get(f"identified.{name}", True):

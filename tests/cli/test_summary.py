@@ -99,7 +99,7 @@ def test_verbose_prints_every_table_before_the_answers(printed, call, folder):
     assert f"report: {folder / 'results' / 'both' / 'report.html'}" in lines[-3:]
 
 
-def test_expected_sigma_is_one_number_in_console_json_csv_and_page(printed, call, folder):
+def test_expected_sigma_is_one_number_in_console_json_csv_show_and_page(printed, call, folder):
     """Relative to the RMS of the load in training after the first tenth, and to the guess of the parameter."""
     results = folder / "results" / "both"
     summary = json.loads(call("place", str(folder / "both.yaml"), "--json").output.splitlines()[-1])["summary"]
@@ -115,7 +115,14 @@ def test_expected_sigma_is_one_number_in_console_json_csv_and_page(printed, call
         assert float(listed[f"std_absolute_{name}"]) == pytest.approx(absolute, rel=1e-8)
         text = f"{100 * relative:.2g} % ({absolute:.3g} {unit})"
         assert f"{name} ± {text}" in printed
-        assert text in [row[2] for row in rows(printed.splitlines(), "accuracy: expected σ of the layout") if row[0] == name]
+        for lines in (printed.splitlines(), call("show", "both", "accuracy").output.splitlines()):
+            assert text in [row[2] for row in rows(lines, "accuracy: expected σ of the layout") if row[0] == name]
+        sentence = re.search(r'<p class="answer".*?</p>', page)[0]
+        (said,) = re.findall(rf'{name} to within ±<data value="([^"]+)">', sentence)
+        (tile,) = re.findall(rf'<h2 class="name">{name}, .*?</dl>', page)
+        (value,) = re.findall(r'<p class="value">± <data value="([^"]+)">[^<]+</data></p>', tile)
+        (size_of_sigma,) = re.findall(rf'<dt>± expected σ</dt><dd><data value="([^"]+)" data-unit="{unit}">', tile)
+        np.testing.assert_allclose([float(said), float(value), float(size_of_sigma)], [relative, relative, absolute], rtol=1e-9)
         exact = [float(value) for value in re.findall(r'<data value="([^"]+)"', page)]
         # headline, tile, and the row of all gauges in two tables
         assert sum(value == pytest.approx(relative, rel=1e-12) for value in exact) >= 4, name

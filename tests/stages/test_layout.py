@@ -100,9 +100,9 @@ def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_s
 @pytest.mark.parametrize(
     ("gap", "names", "said"),
     [
-        (0.19, ("E",), "σ(E) by more than 10 %."),
-        (0.1235, ("E",), "σ(E) by more than 6.4 %."),  # 1 − √0.8765 = 6.378 %
-        (-1e-9, ("E",), "σ(E) by more than 0.05 %."),
+        (0.19, ("E",), "reduce the steady-state σ(E) by more than 10 %."),
+        (0.1235, ("E",), "reduce the steady-state σ(E) by more than 6.4 %."),  # 1 − √0.8765 = 6.378 %
+        (-1e-9, ("E",), "reduce the steady-state σ(E) by more than 0.05 %."),
         (0.1235, ("x", "y", "E"), "13 %, or its root, the weighted RMS of the steady-state σ of x, y and E, by more than 6.4 %."),
     ],
 )

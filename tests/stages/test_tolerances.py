@@ -17,7 +17,6 @@ from strainsight.estimation.filter import run_filter
 from strainsight.experiment.layout import placement
 from strainsight.experiment.layout.advice import Expectation, least_expected
 from strainsight.experiment.structure.considered import on_average, tolerated
-from strainsight.experiment.structure.placement import COHERENCE
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.experiment.structure.screening import installation_variances
 from strainsight.experiment.structure.structure import Structure
@@ -260,11 +259,12 @@ def trace(pool, gauges):
     return own.weight @ (np.diag(P) / d**2)
 
 
-def test_the_metric_has_the_errors_of_installation_as_noise_and_the_layout_is_its_best(installation_beam, monkeypatch):
+@pytest.mark.parametrize(("draft", "share"), [(1, 0.01), (2, 0.001)])
+def test_metric_has_installation_errors_as_noise_and_the_layout_is_its_best(installation_beam, monkeypatch, draft, share):
     """τ σ² mean y² beside r, of gains; all 220 sets of three of twelve by SciPy."""
-    monkeypatch.setattr(placement, "least_expected", lambda found, over: 1)
+    monkeypatch.setattr(placement, "least_expected", lambda found, over: draft)
     plain, found = installation_beam("tolerances=none"), installation_beam(GAIN, "place.prove=60")
-    assert found.task.coherence == COHERENCE * PLACEMENT_CONFIG["train"]["duration"]
+    assert found.task.coherence == pytest.approx(share * PLACEMENT_CONFIG["train"]["duration"])
     assert "installation errors as noise" in found.task.sigma
     beside = found.task.coherence * 0.05**2 * np.mean(installation_beam.training.reading(installation_beam.pool) ** 2, axis=0)
     for own, other in zip(plain.task.pools, found.task.pools, strict=True):
@@ -285,6 +285,8 @@ def test_the_metric_has_the_errors_of_installation_as_noise_and_the_layout_is_it
         ([(1.0, 2.0), (0.8, 2.11)], 0),  # a twentieth worse in one is too much
         ([(1.0, 2.0), (0.8, 2.09)], 1),
         ([(1.0, 2.0), (0.9, 2.0), (0.8, 2.1), (0.9, 1.6)], 3),
+        ([(1.0, 2.0), (0.9, 2.0), (0.84, 2.0)], 1),  # 13 % better than the first, 3 % better than the second
+        ([(1.0, 2.0), (0.99, 1.99), (0.8, 2.0)], 2),
     ],
 )
 def test_another_layout_is_taken_where_it_is_better_in_the_mean_and_worsens_no_unknown(std, chosen):

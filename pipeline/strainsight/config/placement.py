@@ -165,8 +165,8 @@ class PlaceSection(LayoutSettings):
     )
     installation: Literal["avoid", "ignore"] = Field(
         "avoid",
-        description="Treatment of installation errors from `tolerances`. With `avoid`: two layouts are computed, one for exact "
-        "gauges and one with the errors as additional noise; the layout with the smaller expected σ of the unknowns is "
+        description="Treatment of installation errors from `tolerances`. With `avoid`: three layouts are computed, one for "
+        "exact gauges and two with the errors as additional noise; the layout with the smallest expected σ of the unknowns is "
         "used. With `ignore`: the layout for exact gauges is used, as in the thesis of Cottone (2022).",
     )
     symmetry: Symmetry | None = expert(

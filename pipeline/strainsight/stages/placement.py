@@ -167,7 +167,7 @@ OBSERVE = Stage(
 
 PLACE = Stage(
     "place",
-    version=38,
+    version=39,
     reads=(
         "seed",
         "mesh.length_unit",

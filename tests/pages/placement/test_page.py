@@ -56,7 +56,7 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
     load, modulus = report.unknowns
     for unknown in report.unknowns:
         assert {unknown.error, unknown.expected_std, unknown.expected_std * unknown.reference} <= exact
-    assert {modulus.estimate, report.trend.gap, len(report.layout.gauges), 30, len(report.layout.pool)} <= exact
+    assert {report.trend.gap, len(report.layout.gauges), 30, len(report.layout.pool)} <= exact
     whole_page = page(report)
     exact = {float(value) for value in re.findall(r'<data value="([^"]+)"', whole_page)}
     for unknown in report.unknowns:
@@ -64,7 +64,7 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
     assert {load.smoothed_error, report.trend.final, report.trend.lower_bound} <= exact
     for gauge in report.layout.gauges:
         assert {*gauge.position.tolist(), *gauge.normal.tolist(), gauge.without["E"]} <= exact
-    assert "209.9\u00a0GPa" in first
+    assert "209.9\u00a0GPa" in whole_page
     assert "0.052\u00a0%" in first
     said = words(first)
     assert "4 gauges chosen from 30 candidates estimate tip to within ± 16 % (expected σ)." in said

@@ -11,7 +11,7 @@ from strainsight.errors import at_least
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.layout import OptimisedLayout
 from strainsight.experiment.layout.task import Task
-from strainsight.ordering import index_of_largest, tied_order
+from strainsight.ordering import index_of_largest
 from strainsight.placement.certificate import Certificate
 from strainsight.placement.criteria import Criterion
 from strainsight.placement.elimination import Elimination
@@ -56,13 +56,14 @@ def sigma_text(std: float, reference: float | None, unit: str) -> str:
 
 
 def least_expected(layouts: Sequence[Expectation], over: Collection[str]) -> int:
-    """Index of the layout with the smallest geometric mean of σ over these unknowns; another than the first only if better by the
-    factor MATTERS, and worse by it in no unknown."""
-    ratio = np.array([[layout.std[name] / layouts[0].std[name] for name in over] for layout in layouts])
-    mean = np.exp(np.mean(np.log(ratio), axis=1))
-    allowed = (mean * MATTERS <= 1) & (ratio.max(axis=1) <= MATTERS)
-    allowed[0] = True
-    return int(tied_order(np.where(allowed, mean, np.inf))[0])
+    """Index of the layout with the smallest geometric mean of σ over these unknowns. In turn, a layout replaces the selected one
+    only if better by the factor MATTERS, and worse by it in no unknown."""
+    selected = 0
+    for i, layout in enumerate(layouts):
+        ratio = np.array([layout.std[name] / layouts[selected].std[name] for name in over])
+        if np.exp(np.mean(np.log(ratio))) * MATTERS <= 1 and ratio.max() <= MATTERS:
+            selected = i
+    return selected
 
 
 REMEDY = {

@@ -51,7 +51,7 @@ class Subject(ABC):
 
     @abstractmethod
     def tasks(self) -> Sequence[Task]:
-        """Task without installation errors, then optionally with installation errors as noise."""
+        """Task without installation errors, then optionally some with installation errors as noise."""
 
     @abstractmethod
     def expectation(self, gauges: np.ndarray) -> Expectation:
@@ -82,8 +82,8 @@ def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement
     drafts = [_draft(task, progress) for task in tasks]
     chosen = 0
     if len(tasks) > 1:
-        both = [expected_of(task, layout) for task, (_, layout) in zip(tasks, drafts, strict=True)]
-        chosen = least_expected(both, tasks[0].over)
+        drafted = [expected_of(task, layout) for task, (_, layout) in zip(tasks, drafts, strict=True)]
+        chosen = least_expected(drafted, tasks[0].over)
     task, (result, layout) = tasks[chosen], drafts[chosen]
     if task.whole is not None and task.settings.optimise == "metric":
         task, result, layout = _extend_pool(task, result, layout, progress)

@@ -282,7 +282,7 @@ class Task:
 
     @property
     def sigma(self) -> str:
-        """Name of the root of the metric: σ of one unknown, or the criterion's mean."""
+        """Name of the root of the metric, with the treatment of installation errors."""
         return root_of(self.criterion, self.over) + (" (with installation errors as noise)" if self.coherence else "")
 
     def cost_of(self, rows: np.ndarray) -> tuple[float, float] | None:
@@ -292,7 +292,7 @@ class Task:
 
 
 def root_of(criterion: Criterion, unknowns: Sequence[str]) -> str:
-    """Name of the root of a criterion: σ of one unknown, or the criterion's mean of several."""
+    """Name of the root of a criterion: steady-state σ of one unknown, or the criterion's mean of several."""
     if len(unknowns) == 1:
-        return f"σ({unknowns[0]})"
+        return f"the steady-state σ({unknowns[0]})"
     return f"{criterion.sigma} of {listed(unknowns)}"

@@ -154,6 +154,8 @@ def placement_of(
     )
 
 
+SHARES = (0.0, COHERENCE, COHERENCE / 10)
+"""Correlation times of the noise that replaces installation errors, relative to the training simulation: one layout for each."""
 Every = tuple[tuple[Pool, ...], Limits]
 """Scenarios solved with all candidates, and the limits of a layout."""
 
@@ -222,7 +224,7 @@ class _OnStructure(Subject):
         return self.screened.installation
 
     def tasks(self) -> list[Task]:
-        shares = (0.0, COHERENCE) if self.installation.any() else (0.0,)
+        shares = SHARES if self.installation.any() else SHARES[:1]
         return [self._task(self.pool, share, self._all_candidates(share)) for share in shares]
 
     def expectation(self, gauges: np.ndarray) -> Expectation:

@@ -162,7 +162,7 @@ def _by_unknowns(structure: Structure, noise_std: np.ndarray, v: np.ndarray | No
 
         √(σ² + τ v/h)
 
-    v (cases, m): see `installation_variances`. A placement solves for both and takes the better layout. Raises InfeasibleError if
+    v (cases, m): see `installation_variances`. A placement solves for both, and at a tenth of τ. Raises InfeasibleError if
     no unknown affects any channel."""
     alone, config = list(_alone(structure)), structure.config
     if not alone:

@@ -82,19 +82,15 @@ def _sigma(unknown: Unknown) -> float | None:
 
 
 def _tile(unknown: Unknown) -> str:
-    """Tile of one unknown: estimate, σ, calibration and further numbers."""
-    load, sigma = unknown.kind == "input", _sigma(unknown)
-    if not load and unknown.estimate is not None:
-        value = measure(unknown.estimate, unknown.unit)
-        value += f' <small class="whole">± {share(sigma)}</small>' if sigma is not None else ""
-    else:
-        value = "σ withheld" if unknown.withheld else f"± {share(sigma)}"
+    """Tile of one unknown: expected σ, error of the simulated test and calibration."""
+    kind, sigma = "load" if unknown.kind == "input" else "parameter", _sigma(unknown)
+    value = "σ withheld" if unknown.withheld else f"± {share(sigma)}"
     rows = [
         ("± expected σ", "–" if sigma is None else measure(sigma * unknown.reference, unknown.unit, 3)),
         ("load case with the largest expected σ", escape(unknown.worst_case) or "–"),
         ("error in the simulated test", share(unknown.error)),
     ]
-    return tile(f"{escape(unknown.name)}, {'load' if load else 'parameter'}", value, rows, _mark(unknown))
+    return tile(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown))
 
 
 def _mark(unknown: Unknown) -> str:

@@ -20,7 +20,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=23,
+    version=24,
     reads=(
         "seed",
         "bodies",
