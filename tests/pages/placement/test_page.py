@@ -53,7 +53,7 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
     report = full()
     first = first_screen(page(report))
     exact = {float(value) for value in re.findall(r'<data value="([^"]+)"', first)}
-    load, modulus = report.unknowns
+    load, _ = report.unknowns
     for unknown in report.unknowns:
         assert {unknown.error, unknown.expected_std, unknown.expected_std * unknown.reference} <= exact
     assert {report.trend.gap, len(report.layout.gauges), 30, len(report.layout.pool)} <= exact
