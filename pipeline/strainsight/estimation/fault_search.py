@@ -205,18 +205,25 @@ def _convincing(
 ) -> tuple[Explained, ...]:
     """Candidates without channel faults that an imperfect installation shows as well. In a record whose innovations are plausible
     without a fault, that of a channel has to bring them to the claim, and to be better by MARGIN than tolerances WIDER times as
-    large. A fitted factor has to exceed STRETCHED σ of the installation of its gauge."""
+    large. A fitted factor has to exceed STRETCHED σ of the installation of its gauge; if it does not, less likely faults of
+    this channel are not convincing either."""
     if grid_run is None or not reference.ratio <= BELIEVABLE or not any(one.of_channel for one in candidates):
         return tuple(candidates)
     wider = explain_record(widen_tolerances(record, WIDER), None, reference.evidence)[0]
     least, share = max(reference.evidence, wider.evidence) + MARGIN, installation_share(record, grid_run)
+    within = {
+        one.fault.channel: one.evidence
+        for one in candidates
+        if one.fault is not None
+        and one.fault.fitted
+        and abs(np.log(one.fault.amount)) <= STRETCHED * share[one.fault.channel]
+    }
 
     def convincing(one: Explained) -> bool:
-        fault = one.fault
-        if fault is None or not one.of_channel:
+        if one.fault is None or not one.of_channel:
             return True
-        small = fault.fitted and abs(np.log(fault.amount)) <= STRETCHED * share[fault.channel]
-        return one.evidence >= least and one.ratio <= 1 + SLACK and not small
+        more = all(one.evidence > within.get(channel, -np.inf) for channel in one.fault.channels)
+        return one.evidence >= least and one.ratio <= 1 + SLACK and more
 
     return tuple(one for one in candidates if convincing(one))
 

@@ -200,7 +200,7 @@ PLACE = Stage(
 
 ESTIMATE = Stage(
     "estimate",
-    version=46,
+    version=47,
     reads=(
         "seed",
         "mesh.point_masses",
