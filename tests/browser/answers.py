@@ -132,7 +132,7 @@ def opens_with_the_numbers_of_the_artefacts(found: Opened) -> None:
 
 def has_no_other_digit(found: Opened, *names: str) -> None:
     """Beside the numbers no digit stands on the first screen but in labels of gauges and in these names."""
-    for selector in ("#in-short", "#answer .tiles", "#answer .cautions"):
+    for selector in ("#in-short", "#answer"):
         text, _ = in_words(found.page, selector)
         for name in (*names, *re.findall(r"\bG\d+\b", text)):
             text = text.replace(name, "")

@@ -28,7 +28,9 @@ def in_words(page: Page, selector: str) -> tuple[str, list[Number]]:
     """The text of the first such element with its numbers taken out, a ◊ for each, and the numbers in order."""
     text, found = page.locator(selector).first.evaluate(
         """element => {
-          const copy = element.cloneNode(true), data = [...copy.querySelectorAll('data')];
+          const copy = element.cloneNode(true);
+          copy.querySelectorAll('#space, .still, script').forEach(e => e.remove());
+          const data = [...copy.querySelectorAll('data')];
           const numbers = data.map(e => [e.value, e.textContent]);
           data.forEach(e => { e.textContent = '◊' });
           return [copy.textContent, numbers];
