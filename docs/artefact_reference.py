@@ -9,17 +9,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from strainsight.records.bearing import BearingResults
 from strainsight.records.bench import (
     AtRest,
-    BearingResults,
     BenchEstimated,
-    BenchPlaced,
     BenchTruths,
     Coupled,
     ReducedBodies,
     Simulated,
     SurfaceHistory,
 )
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.estimated import CampaignRecord, Estimated
 from strainsight.records.mesh import Imported
 from strainsight.records.placed import Observed, Placed
