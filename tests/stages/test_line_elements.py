@@ -111,7 +111,7 @@ def test_members_of_beams_instead_of_rods_have_candidates(strainsight):
     assert "line element" not in done.output
 
 
-def test_rods_next to_shells_are_noted_once(strainsight):
+def test_rods_with_shells_are_noted_once(strainsight):
     """Two faces of the shell away from the clamp; a pinned beam would be counted with the rods."""
     done = strainsight(PLATE, "train", "own.yaml", node=3)
     assert done.exit_code == 0, done.output + done.stderr
