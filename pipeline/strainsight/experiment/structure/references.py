@@ -323,11 +323,7 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
                     _check_mass(config, mesh, forces)
             else:
                 loaded_nodes(mesh, load)
-    if config.gauges.strain_operator is not None:
-        return
-    if not mesh.has_surface:
-        if config.loads:  # a config of the mesh alone is for modes
-            raise without_surface(mesh)
+    if not mesh.has_surface or config.gauges.strain_operator is not None:
         return
     facets = exterior_facets(mesh)
     for key, sensors in families(config).items():
