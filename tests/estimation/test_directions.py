@@ -43,7 +43,7 @@ def passed(models, data):
 def both():
     rng = np.random.default_rng(5)
     models = bilinear_models(rng)
-    known, samples = rng.standard_normal((STEPS, KNOWN)), rng.standard_normal((STEPS, M))
+    known, samples = 0.3 * rng.standard_normal((STEPS, KNOWN)), 0.3 * rng.standard_normal((STEPS, M))
     samples[7, 0] = np.nan
     data = Data(known, known, samples, np.full((STEPS, M), 0.04), np.zeros(M))
     whole = passed(models, data)

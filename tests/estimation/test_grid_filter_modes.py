@@ -14,7 +14,7 @@ from strainsight.estimation.columns import Columns, weakest
 from strainsight.estimation.conditional import linear_models, none_considered, tune_frequencies
 from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.grid_filter_smoother import smooth_on_grid
-from strainsight.estimation.record import GridRecord
+from strainsight.estimation.record import GridRecord, Settled
 from strainsight.fem.affine import AffineOperator
 from strainsight.sensors.candidates import ACCELERATION
 
@@ -198,16 +198,20 @@ def test_tuned_frequencies_equal_centre():
     np.testing.assert_allclose(lam[1] * own.model.frequency_factors[1] ** 2, lam[0], rtol=1e-12)
 
 
-def test_modulus_sigma_is_twice_frequency_sigma():
-    """Both springs by one factor E under a force of unknown size: ω goes with √E."""
+def modulus_and_gain(gain):
+    """Both springs by one factor E under a force with σ of its size `gain`: ω goes with √E; the model, and the error."""
     K = sum(value * STIFFNESS[name] for name, value in REFERENCE.items())
     model = driven_chain(noise=1e-5, parameters=("k1",))
     masses = replace(model.model, stiffness=AffineOperator(np.zeros((2, 2)), {"E": K}), reference={"E": 1.0})
     unknowns = replace(model.unknowns, parameters=("E",), guess={"E": 1.0})
     model = replace(model, model=masses, unknowns=unknowns, fixed={}, Q=np.zeros_like(model.Q))
-    size = np.array([[[0.0, 0.0], [2.0, 0.0]]])
-    exact = replace(none_considered(model), source=("gain",), D=np.zeros((1, 2, 4)), E=np.zeros((1, 2, 1)),
-                    offset=np.zeros((1, 2)), shape=size, load=np.array([0]))  # fmt: skip
+    size = np.array([[[0.0, 0.0], [gain, 0.0]]])
+    return model, replace(none_considered(model), source=("gain",), D=np.zeros((1, 2, 4)), E=np.zeros((1, 2, 1)),
+                          offset=np.zeros((1, 2)), shape=size, load=np.array([0]))  # fmt: skip
+
+
+def test_modulus_sigma_is_twice_frequency_sigma():
+    model, exact = modulus_and_gain(2.0)
     y = readings(np.zeros(()), np.zeros(2))[0]
 
     def std(considered):
@@ -217,6 +221,32 @@ def test_modulus_sigma_is_twice_frequency_sigma():
     assert std(exact) < 0.1 * SPREAD
     prior = (2 * SPREAD) ** -2 + 0.3**-2
     assert std(replace(exact, frequency=SPREAD * np.ones((1, 2)))) == pytest.approx(prior**-0.5, rel=0.03)
+
+
+def test_frequencies_change_nothing_far_below_resonance():
+    """A slow sine for all time: E is known as well as the size of the force, whatever is known of ω."""
+    gain, size, slow, steps, noise = 0.05, 1.12, 0.01, 150, 1e-5
+    model, exact = modulus_and_gain(gain)
+    F = np.zeros((5, 5))
+    F[:4, :4], F[:4, 4] = rates(np.zeros(()), np.zeros(2))
+    step, phase = expm(F * H), slow * np.abs(np.linalg.eigvals(F[:4, :4])).min() * H
+    known = np.pad(np.sin(phase * np.arange(steps))[:, None, None], [(0, 0), (0, 2), (0, 0)])
+    tone = Settled(np.array([phase / H]), np.array([[[-1j], [0.0], [0.0]]]), 1e-9 * np.ones(4))
+    X = np.linalg.solve(np.exp(1j * phase) * np.eye(4) - step[:4, :4], -1j * step[:4, 4])
+    motion = (X * np.exp(1j * phase * np.arange(1, steps + 1))[:, None]).real
+    y = size * motion[:, :2] @ ROWS.T + noise * np.random.default_rng(2).standard_normal((steps, 2))
+
+    def posterior(considered):
+        record = GridRecord(model, np.zeros(5), np.diag([1.0] * 4 + [0.3**2]), known, y, considered, settled=tone)
+        (mean,), ((variance,),) = filter_on_grid(record).posterior
+        return mean, np.sqrt(variance)
+
+    mean, std = posterior(exact)
+    assert std == pytest.approx(gain, rel=0.1)
+    assert mean == pytest.approx(-np.log(size), abs=0.5 * std)
+    for spread in (SPREAD, 0.1 * SPREAD):
+        tolerated = posterior(replace(exact, frequency=spread * np.ones((1, 2))))
+        assert tolerated == pytest.approx((mean, std), abs=0.02 * std)
 
 
 def normal(k, seed=0):

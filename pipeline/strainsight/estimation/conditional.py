@@ -180,7 +180,7 @@ def linear_models(
     about, shifts = np.pad(considered.about, (0, len(D) - len(considered.about))), np.zeros((B, len(D)))
     fixed_slope = about != 0
     shifts[:, frequencies] = shift
-    fixed_slope[frequencies] |= considered.centre is not None
+    fixed_slope[frequencies] = True
     models = LinearModels(
         motion,
         np.broadcast_to(process[:states, :states], (B, states, states)),

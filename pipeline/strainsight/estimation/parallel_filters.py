@@ -90,7 +90,7 @@ class LinearModels:
     step; H (B, m, n); F (B, m, p₁) of the known inputs w₁ (T, p₁) at its end; D (d, m, n), E (d, m, p₁), o (d, m). B (d, m,
     f) on zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f ν that change the motion, U (f, n), W (f, p₁). about (d,): reference of ν, plus
     `shift` (B, d) for each model, so that its mean is −about − shift; fixed_slope (d,): whether slopes are those at the
-    reference; directions Q (all, d): these ν are directions of others, None if they are all (`in_directions`)."""
+    reference, not at ν̂; directions Q (all, d): these ν are directions of others, None if they are all (`in_directions`)."""
 
     SHARED: ClassVar = ("D", "E", "offset", "B", "U", "W", "about", "fixed_slope", "directions")
     """Arrays without a row for every model."""
@@ -344,10 +344,10 @@ def advance(
 
         V⁻ = A V − (A_ν x̃ + G_ν w),   ε = D x̃⁻ + E w₁ + o + B z̃ − H V⁻,   V = V⁻ + K ε,   x̃ = x̂ − V ν̂
 
-    V is the error per unit ν in a filter that ignores ν. Its innovations are e = ε ν + white noise. Least squares on them
-    yield mean ν̂ and covariance of ν (Friedland's separate-bias filter), and the likelihood with ν integrated out. The
-    linearisation about the predicted motion is independent of the innovations, so noise causes no bias. If `filters` contains
-    second filters, the stored states have the Schmidt-Kalman gains:
+    with x̂ in place of x̃ in the motion by ν of a fixed slope. V is the error per unit ν in a filter that ignores ν. Its
+    innovations are e = ε ν + white noise. Least squares on them yield mean ν̂ and covariance of ν (Friedland's separate-bias
+    filter), and the likelihood with ν integrated out. The linearisation about the predicted motion is independent of the
+    innovations, so noise causes no bias. If `filters` contains second filters, the stored states have the Schmidt-Kalman gains:
 
         K = (P⁻Hᵀ − V⁻εᵀ)(H P⁻Hᵀ + ε εᵀ + R)⁻¹,   P = (I − K H)P⁻(I − K H)ᵀ + K R Kᵀ
 

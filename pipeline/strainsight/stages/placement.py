@@ -200,7 +200,7 @@ PLACE = Stage(
 
 ESTIMATE = Stage(
     "estimate",
-    version=47,
+    version=48,
     reads=(
         "seed",
         "mesh.point_masses",
@@ -250,7 +250,7 @@ SPECTRUM = Stage(
 
 VALIDATE = Stage(
     "validate",
-    version=37,
+    version=38,
     reads=(
         "damping",
         *(

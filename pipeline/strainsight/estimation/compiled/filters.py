@@ -49,9 +49,10 @@ def predict_mean(x, pairs, augmented, G, w, ahead):  # type: ignore[no-untyped-d
 
 
 @loop
-def move_considered(x, V, pairs, augmented, pairs_nu, augmented_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
-    """V ← A V − (A_ν x + G_ν w), x before it has moved.
+def move_considered(x, plain, fixed, V, pairs, augmented, pairs_nu, augmented_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
+    """V ← A V − (A_ν x + G_ν w), x before it has moved; for ν with a fixed slope, fixed (d,) = 1, `plain` in place of x.
 
+    The two terms of a frequency nearly cancel: both belong to the loads without errors, as does the start.
     ν are last, as they are many: V (n, d), slopes (4, q, e), (n, s, e), (n, p, e); behind (s, d): work space."""
     n, d = V.shape
     q, s = pairs.shape[1], len(augmented)
@@ -74,11 +75,14 @@ def move_considered(x, V, pairs, augmented, pairs_nu, augmented_nu, G_nu, w, beh
         if a < 2 * q:
             i, first = a % q, 2 * (a // q)
             position, rate = x[i], x[q + i]
+            more, faster = plain[i] - position, plain[q + i] - rate
             for k in range(e):
-                V[a, k] -= pairs_nu[first, i, k] * position + pairs_nu[first + 1, i, k] * rate
+                V[a, k] -= pairs_nu[first, i, k] * (position + fixed[k] * more)
+                V[a, k] -= pairs_nu[first + 1, i, k] * (rate + fixed[k] * faster)
         for b in range(s):
+            value, more = x[2 * q + b], plain[2 * q + b] - x[2 * q + b]
             for k in range(e):
-                V[a, k] -= augmented_nu[a, b, k] * x[2 * q + b]
+                V[a, k] -= augmented_nu[a, b, k] * (value + fixed[k] * more)
         for j in range(len(w)):
             for k in range(e):
                 V[a, k] -= G_nu[a, j, k] * w[j]
@@ -304,7 +308,7 @@ FILES = tuple(f"estimation/compiled/{name}.py" for name in ("filters", "vectors"
 def take_steps(span, motion, reading, truncation, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
     pairs, augmented, G, Q, pairs_nu, augmented_nu, G_nu, basis = motion
     H, F, D, E, offset, acts = reading
-    B, U, W, about = truncation
+    B, U, W, fixed = truncation
     xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts = state
     xcs, Pcs, Vcs = considering
     known, known_end, y, R, more, less = data
@@ -334,10 +338,11 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
             if not complete or (t > 0 and count_differences(R[t], R[t - 1]) > 0):
                 calms[i] = 0
             steady = calms[i] >= CALM
-            for k in range(d):  # slopes in a ν with a reference other than zero are taken there
-                free[k] = nus[i, k] if about[k] == 0.0 else 0.0
+            for k in range(d):
+                free[k] = (1.0 - fixed[k]) * nus[i, k]
             correct_mean(x, V, free, likely)
-            move_considered(likely, V, pairs[i], augmented[i], pairs_nu[i], augmented_nu[i], G_nu[i], known[t], behind)
+            slopes = pairs_nu[i], augmented_nu[i], G_nu[i]
+            move_considered(likely, x, fixed, V, pairs[i], augmented[i], *slopes, known[t], behind)
             predict_mean(x, pairs[i], augmented[i], G[i], known[t], row)
             if not steady:
                 copy_matrix(P, before)
@@ -381,9 +386,7 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
                 mirror(P)
                 calms[i] = calms[i] + 1 if complete and is_steady(P, before, row) else 0
             if len(xcs):
-                move_considered(
-                    xcs[i], V_c, pairs[i], augmented[i], pairs_nu[i], augmented_nu[i], G_nu[i], known[t], behind
-                )
+                move_considered(xcs[i], xcs[i], fixed, V_c, pairs[i], augmented[i], *slopes, known[t], behind)
                 predict_mean(xcs[i], pairs[i], augmented[i], G[i], known[t], row)
                 predict_covariance(Pcs[i], pairs[i], augmented[i], Q[i], work)
                 to_states(basis[i], xcs[i], physical)
