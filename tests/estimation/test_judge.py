@@ -13,6 +13,7 @@ from strainsight.estimation.conditional import _linearise_about, none_considered
 from strainsight.estimation.free_loads import noise_alone
 from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.parallel_filters import LinearModels
+from strainsight.estimation.parameter_grid import one_point
 from strainsight.estimation.record import GridRecord
 from strainsight.loads.input_models import (
     WALK,
@@ -76,9 +77,9 @@ def test_parameters_are_weighted_with_free_loads(case):
     assert std[1] == pytest.approx(stated[1], rel=0.02)
 
 
-def test_gains_are_integrated_out_with_free_loads():
-    """Of both gauges, 5 %, drawn 1.6 and −1.3 of that, beside k₂: Bayes over all three on a grid of dense densities."""
-    spread, true, states, steps, force = 0.05, np.array([0.06, 1.6, -1.3]), [0, 1, 2, 3, 4, 6], STEPS // 2, 30.0
+def gauged_with_gains(spread, steps, force):
+    """The chain with one unknown stiffness, a free load and gains of both gauges; covariance at t = 0, known load."""
+    states = [0, 1, 2, 3, 4, 6]
     whole, P = chain(), start()
     model = replace(
         whole,
@@ -88,20 +89,26 @@ def test_gains_are_integrated_out_with_free_loads():
         Q=np.diag([0, 0, 0, 0, KAPPA, 0]),
         free_loads=True,
     )
-    held = force * forces(steps)
-    truth, _ = draw_truth(model, np.r_[np.zeros(5), true[0]], np.zeros((6, 6)), held, [3])
-    y = (1 + spread * true[1:]) * (truth[1:, 0, :2] @ ROWS.T)
-    y += NOISE * np.random.default_rng(4).standard_normal(y.shape)
     none = none_considered(model)
     rows = spread * np.eye(2)[:, :, None] * np.pad(ROWS, [(0, 0), (0, 3)])
     gains = replace(none, source=("gain", "gain"), D=rows, E=np.zeros((2, 2, 1)), offset=np.zeros((2, 2)))
-    grid_run = filter_on_grid(GridRecord(model, np.zeros(6), P[np.ix_(states, states)], held, y, gains))
+    return model, P[np.ix_(states, states)], force * forces(steps), gains
+
+
+def test_gains_are_integrated_out_with_free_loads():
+    """Of both gauges, 5 %, drawn 1.6 and −1.3 of that, beside k₂: Bayes over all three on a grid of dense densities."""
+    spread, true, steps, force = 0.05, np.array([0.06, 1.6, -1.3]), STEPS // 2, 30.0
+    model, P, held, gains = gauged_with_gains(spread, steps, force)
+    truth, _ = draw_truth(model, np.r_[np.zeros(5), true[0]], np.zeros((6, 6)), held, [3])
+    y = (1 + spread * true[1:]) * (truth[1:, 0, :2] @ ROWS.T)
+    y += NOISE * np.random.default_rng(4).standard_normal((steps, 2))
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(6), P, held, y, gains))
     (mean,), cov = grid_run.posterior
     nu, nu_std = grid_run.nu_moments[0], np.sqrt(np.diag(grid_run.nu_moments[1]))
     std, noise = np.sqrt(cov[0, 0]), NOISE**2 * np.eye(2 * steps)
     axis, weight, point = np.linspace(-4, 4, 11), [], []
     for p in mean + std * axis:
-        centre, covariance, alone = densities(np.array([0, p]), P, steps, (0, 0, 0, 0))
+        centre, covariance, alone = densities(np.array([0, p]), start(), steps, (0, 0, 0, 0))
         for own_nu in nu + nu_std * np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2):
             g = np.tile(1 + spread * own_nu, steps)
             read = [g[:, None] * (own - noise) * g + noise for own in (covariance, alone)]
@@ -113,6 +120,21 @@ def test_gains_are_integrated_out_with_free_loads():
     exact = np.sqrt(w @ (np.array(point) - expected) ** 2)
     assert abs(mean - expected) < 0.1 * exact
     assert std == pytest.approx(exact, rel=0.02)
+
+
+@pytest.mark.parametrize("p", [0.0, 1.5])
+def test_noise_alone_is_no_information_on_gains_at_any_parameter(p):
+    steps, seeds = 600, 40
+    model, P, held, gains = gauged_with_gains(0.05, steps, 0.0)
+    pulls = []
+    for seed in range(seeds):
+        y = NOISE * np.random.default_rng(seed).standard_normal((steps, 2))
+        record = GridRecord(model, np.zeros(6), P, held, y, gains)
+        problem = grid_filter_points.GridProblem((record,), use_free_loads=True)
+        states = grid_filter_points.filter_points(problem, one_point(np.array([p])), steps).states
+        pulls.append(np.linalg.solve(states.left[0, 0], states.nu[0, 0]))
+    error = np.std(pulls, axis=0) / np.sqrt(seeds)
+    assert np.all(np.abs(np.mean(pulls, axis=0)) < 3 * error)
 
 
 def test_linearisation_matches_bilinear_model():
@@ -218,7 +240,8 @@ def test_noise_bias_matches_unit_readings():
         y[t, c] = np.sqrt(R[t, c])
         expected += form(y)
     models = plain_models(A, C @ C.T, rows, D, A_nu)
-    np.testing.assert_allclose(noise_alone(models, P0, R).sum(axis=0), expected, rtol=1e-10)
+    bias = noise_alone(models, P0, R)
+    np.testing.assert_allclose(bias.row[bias.step].sum(axis=0), expected, rtol=1e-10)
 
 
 def test_steady_noise_steps_are_reused():
@@ -226,8 +249,9 @@ def test_steady_noise_steps_are_reused():
     first = replace(model, every=2), np.zeros(7), start()
     record = GridRecord(*first, forces(800), np.zeros((400, 2)), damping(model))
     problem = grid_filter_points.GridProblem((record,), use_free_loads=True)
-    (found,) = problem.noise_alone
-    pairs = found.reshape(400, 2, -1).sum(axis=1)
+    (bias,) = grid_filter_points.filter_points(problem, one_point(np.zeros(2)), 0).free_load.bias
+    assert len(bias.row) < 200
+    pairs = bias.row[bias.step].reshape(400, 2, -1).sum(axis=1)
     np.testing.assert_allclose(pairs[200:300], np.tile(pairs[250], (100, 1)), rtol=1e-6)
 
 

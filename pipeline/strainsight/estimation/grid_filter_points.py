@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import ConsideredParameters, considers, linear_models
 from strainsight.estimation.directions import distinguished_directions
-from strainsight.estimation.free_loads import FreeLoadFilters, advance_free_loads, build_free_load_filters, noise_alone
+from strainsight.estimation.free_loads import FreeLoadFilters, advance_free_loads, build_free_load_filters
 from strainsight.estimation.mixture import C, PosteriorWeights, log_normal
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT, Filters, LinearModels, Passage, States, advance, build_filters
@@ -82,17 +82,6 @@ class GridProblem:
         considered, unknowns = self.records[0].considered, self.model.unknowns
         of_modes = considered.of_modes(self.model.model.size)
         return bool(unknowns.parameters) and (of_modes > 0 or (self.has_free_loads and len(considered.D) > 0))
-
-    @cached_property
-    def noise_alone(self) -> tuple[np.ndarray, ...]:
-        """Correction (T, d) of each record by `noise_alone`, the same at all points so that they remain comparable."""
-        by_record = []
-        for i, record in enumerate(self.records):
-            _, _, free_load = _start_filters(self, one_point(self.prior[0]), i)
-            assert free_load is not None
-            noise = np.where(np.isnan(record.data.samples), np.inf, record.data.noise)
-            by_record.append(noise_alone(free_load.models, record.start[1], noise, record.model.every))
-        return tuple(by_record)
 
     def map_considered(self, of: Callable[[ConsideredParameters], ConsideredParameters]) -> GridProblem:
         """The same with transformed considered parameters in each record, and all ν."""
@@ -171,9 +160,10 @@ def filter_points(problem: GridProblem, cover: C, step: int) -> WeightedFilters[
     models, filters, free_load = _start_filters(problem, cover, 0)
     B = models.count
     now = WeightedFilters(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters, 0, free_load)
+    most = max(1, KEPT // (B * (1 + models.considered_count if free_load else 1)))
     while now.step < step:
         now = enter_record(problem, now)
-        passage = advance_points(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
+        passage = advance_points(problem, now, min(step - now.step, most), keep=False)
         now = apply_passage(now, passage, passage.fit.shape[1])
     return now
 
@@ -254,7 +244,7 @@ def advance_points(problem: GridProblem, now: WeightedFilters[C], steps: int, ke
     if now.free_load is None:
         passage = advance(now.models, now.filters, data, keep)
         return Passed(passage, power * passage.fit, passage.states)
-    weighing = advance_free_loads(now.free_load, data, problem.noise_alone[now.record][span], keep)
+    weighing = advance_free_loads(now.free_load, data, span, keep)
     if not problem.along:
         return Passed(weighing, power * weighing.fit, weighing.states)
     passage = advance(now.models, now.filters, data, keep)

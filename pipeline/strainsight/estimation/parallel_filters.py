@@ -352,19 +352,19 @@ def advance(
         K = (P⁻Hᵀ − V⁻εᵀ)(H P⁻Hᵀ + ε εᵀ + R)⁻¹,   P = (I − K H)P⁻(I − K H)ᵀ + K R Kᵀ
 
     keep: whether to return states, with S excluding the discrepancy; states: whether to return more than mean and covariance
-    of ν; less (L, d): information on ν subtracted in each step (`noise_alone`). Changes `filters` in place. Sources:
+    of ν; less (B, L, d): information on ν subtracted in each step (`noise_alone`). Changes `filters` in place. Sources:
     Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966)."""
     B, m, n = models.H.shape
-    less = np.zeros((0, models.considered_count)) if less is None else less
+    less = np.zeros((0, 0, models.considered_count)) if less is None else less
     L, d, second = len(data.samples), models.considered_count, len(filters.x_c)
     saved, whole = L if keep else 0, L if keep and states else 0
     sizes = {"B": B, "c": B if second else 0, "d": d, "m": m, "n": n, "L": L, "p": models.motion.fed.shape[-1]}
     check_shapes(filters, sizes, x="Bn", P="Bnn", V="Bdn", x_c="cn", P_c="cnn", V_c="cdn")
     sizes["e"] = models.F.shape[-1]
     check_shapes(data, sizes, known="Lp", known_end="Le", samples="Lm", noise="Lm", discrepancy="m")
-    if len(less) and less.shape != (L, d):
+    if len(less) and less.shape != (B, L, d):
         raise ValueError(
-            f"the information matrix of the considered parameters has the shape {less.shape}, expected {(L, d)}"
+            f"the information matrix of the considered parameters has the shape {less.shape}, expected {(B, L, d)}"
         )
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
     nu, left, fit = np.zeros((B, saved, d)), np.zeros((B, saved, d, d)), np.zeros((B, L))

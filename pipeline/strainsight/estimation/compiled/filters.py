@@ -381,7 +381,7 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
                 V, H[i], sensed, K, S, channels, whitened, nus[i], lefts[i], slope, gain, small
             )
             if len(less):
-                fits[i, t] += remove_bias(less[t], nus[i], lefts[i])
+                fits[i, t] += remove_bias(less[i, t], nus[i], lefts[i])
             if not steady:
                 mirror(P)
                 calms[i] = calms[i] + 1 if complete and is_steady(P, before, row) else 0
