@@ -12,7 +12,7 @@ from strainsight.mesh.joins import Relation
 from strainsight.sensors.access import opposite, room
 from strainsight.sensors.bonded import PATTERNS, bridges
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.edges import carrier, carrier_clearance, crowded, obstacles, room_for
+from strainsight.sensors.edges import carrier, carrier_clearance, crowded, obstacles, spaced
 from strainsight.sensors.strain_operator import channel_rows
 from strainsight.sensors.surface import facet_centres
 from strainsight.sensors.surface_paths import skin_of
@@ -307,14 +307,14 @@ def test_what_is_too_near_is_found_by_straight_lines(box_mesh, distance):
     np.testing.assert_array_equal(near["supports"][~on_face], along[~on_face] < distance)
 
 
-def test_room_counts_places_that_are_so_far_apart():
+def test_spaced_points_are_counted_once():
     line = np.zeros((11, 3))
     line[:, 0] = 0.1 * np.arange(11)
     twice = np.repeat(line, 2, axis=0)
-    assert room_for(twice, 0.2, 6)
-    assert not room_for(twice, 0.2, 7)
-    assert room_for(twice, 0.0, 11)
-    assert not room_for(twice, 0.0, 12)
+    assert len(spaced(twice, 0.2)) == 6
+    assert len(spaced(twice, 0.0)) == 11
+    assert len(spaced(twice, 0.0, 4)) == 4
+    assert len(spaced(twice[:0], 0.2, 4)) == 0
 
 
 def test_nodes_of_relations_are_kept_clear_as_those_of_ties(box_mesh):

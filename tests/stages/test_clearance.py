@@ -93,6 +93,11 @@ def test_a_default_that_leaves_no_choice_is_halved_with_a_word_and_a_stated_one_
     left = np.unique(training.candidates.position[training.candidates.first[~blocked]], axis=0)
     assert len(left) >= CHOICE
     assert f"{1e3 * found.distance:.3g} mm is used" in clearance_warning(found)
+    # most of its few locations stay: that there are few is no reason for gauges at an edge
+    few = beam.case("screen.keep=all", "screen.minimum_spacing=0.07")
+    found, blocked = clearance_of(Structure(few.config, {}, beam.mesh, beam.reduced, training), free)
+    assert found.distance == found.wanted
+    assert 20 <= found.needed < CHOICE
     sparse = beam.case("screen.keep=all", "screen.minimum_spacing=0.3")
     found, blocked = clearance_of(Structure(sparse.config, {}, beam.mesh, beam.reduced, training), free)
     assert found.distance == 0

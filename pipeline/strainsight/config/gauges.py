@@ -285,8 +285,8 @@ class Gauges(GaugeSites, Accessible, Noisy):
         None,
         description="Smallest straight-line distance of a gauge centre from sharp edges, supported or tied nodes, loaded nodes "
         "and the faces in `exclude` [m], or 'none'. Null: half the diagonal of the carrier of `type`. Without `type`, the "
-        "carrier size is assumed from `grid_length`: the default is 4.6 mm for a grid length of 3 mm or 0. If fewer than 50 "
-        "separate candidate locations remain, this default is halved once or twice, and finally set to 0.",
+        "carrier size is assumed from `grid_length`: the default is 4.6 mm for a grid length of 3 mm or 0. If it leaves less "
+        "than half of the separate locations (at least 20; 50 are enough), it is halved once or twice, and finally set to 0.",
     )
     strain_operator: GaugeRows | None = Field(
         None,

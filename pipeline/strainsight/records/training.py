@@ -267,6 +267,7 @@ class Clearance:
         "number of candidates too close to <name>: edges, supports, loads, faces of gauges.exclude, or surfaces "
         "below the bend radius of gauges.type",
     )
+    needed: int = dataset("1", "", "number of separate locations that the default clearance has to leave")
 
 
 @record

@@ -185,11 +185,6 @@ def spaced(points: np.ndarray, distance: float, most: int | None = None) -> np.n
     return np.array(selected, dtype=np.int64)
 
 
-def room_for(points: np.ndarray, spacing: float, count: int) -> bool:
-    """Whether `count` of the points (m, 3) [m] fit with the spacing [m]; coincident points count once."""
-    return len(points) >= count and len(spaced(points, spacing, count)) >= count
-
-
 EQUAL = 1e-6
 """Largest relative difference of equal distances."""
 ACROSS = np.cos(np.deg2rad(45.0))

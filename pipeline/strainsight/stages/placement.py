@@ -121,7 +121,7 @@ TRAIN = Stage(
 
 SCREEN = Stage(
     "screen",
-    version=14,
+    version=15,
     reads=(
         "screen",
         "train",

@@ -23,14 +23,15 @@ from strainsight.records.training import CARRIER, STATED, Clearance
 from strainsight.runner.output import Table
 from strainsight.sensors.access import HAND, room
 from strainsight.sensors.candidates import STRAIN, Candidates
-from strainsight.sensors.edges import carrier_clearance, crowded, half_diagonal, obstacles, room_for, sides, tight
+from strainsight.sensors.edges import carrier_clearance, crowded, half_diagonal, obstacles, sides, spaced, tight
 from strainsight.sensors.hot_spots import hot_spots
 from strainsight.sensors.installation import sensitivity_rows
 from strainsight.sensors.strain_operator import installation_axes
 from strainsight.sensors.zones import on_surface
 
-CHOICE = 50
-"""Fewest candidates that the default clearance may leave; independent of `place.keep`, so that screening is, too."""
+FEWEST, CHOICE = 20, 50
+"""The default clearance has to leave half of the locations, at least FEWEST; CHOICE are always enough. Independent of
+`place.keep`, so that screening is, too."""
 STEPS = (1.0, 0.5, 0.25)
 """Fractions of the default clearance that are tried in turn on small parts."""
 
@@ -39,8 +40,8 @@ def clearance_of(structure: Structure, excluded: np.ndarray) -> tuple[Clearance 
     """Clearance in force (None if disabled), and which gauges (gauges,) violate it.
 
     It applies to strain gauges on the mesh that are not bonded yet and not excluded (gauges,) for another reason. The default is
-    halved twice, then dropped, until it leaves `CHOICE` places at the minimum spacing of screening. Raises InfeasibleError if a
-    configured clearance leaves no place."""
+    halved twice, then dropped, until it leaves enough locations at the minimum spacing of screening (`CHOICE`). Raises
+    InfeasibleError if a configured clearance leaves none."""
     config, mesh, pool, setting = structure.config, structure.mesh, structure.pool, structure.config.gauges.clearance
     first, blocked = pool.first, np.zeros(pool.gauges, dtype=bool)
     free = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first] & ~excluded)
@@ -70,16 +71,17 @@ def clearance_of(structure: Structure, excluded: np.ndarray) -> tuple[Clearance 
         wanted = carrier_clearance(config.gauges.grid_length)
     else:
         wanted = half_diagonal(kind.carrier_length, kind.carrier_width)
+    spacing = config.screen.minimum_spacing
+    needed = max(FEWEST, len(spaced(points, spacing, 2 * CHOICE)) // 2) if rule == CARRIER else 1
     for step in STEPS if rule == CARRIER else (1.0,):
         near = nearer(step * wanted)
         close = np.any(list(near.values()), axis=0)
-        enough = not close.all() if rule == STATED else room_for(points[~close], config.screen.minimum_spacing, CHOICE)
-        if enough:
+        if len(spaced(points[~close], spacing, needed)) == needed:
             blocked[free] = close
             counts = {name: int(np.count_nonzero(mask)) for name, mask in near.items()}
-            return Clearance(distance=step * wanted, wanted=wanted, rule=rule, near=counts), blocked
+            return Clearance(distance=step * wanted, wanted=wanted, rule=rule, near=counts, needed=needed), blocked
     if rule == CARRIER:
-        return Clearance(distance=0.0, wanted=wanted, rule=rule, near={}), blocked
+        return Clearance(distance=0.0, wanted=wanted, rule=rule, near={}, needed=needed), blocked
     *others, last = (OBSTACLE_NAMES.get(name, name.removesuffix("s")) for name in around)
     raise InfeasibleError(
         f"none of {len(points)} candidates is at least {1e3 * wanted:.3g} mm from every {', '.join(others)} and {last}",
@@ -186,7 +188,7 @@ def clearance_warning(clearance: Clearance) -> str:
     used = f"{1e3 * clearance.distance:.3g} mm is used" if clearance.distance else "no clearance is used"
     return (
         f"The default clearance of {1e3 * clearance.wanted:.3g} mm from edges, supports and loads (half the carrier diagonal) "
-        f"leaves fewer than {CHOICE} locations, so {used}. Refine the mesh, or set gauges.clearance for your gauge "
+        f"leaves fewer than {clearance.needed} locations, so {used}. Refine the mesh, or set gauges.clearance for your gauge "
         "type: a length [m] or none."
     )
 
