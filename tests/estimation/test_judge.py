@@ -10,8 +10,8 @@ import pytest
 from strainsight.errors import ConfigError
 from strainsight.estimation import grid_filter_points
 from strainsight.estimation.conditional import _linearise_about, none_considered
-from strainsight.estimation.free_loads import noise_alone
 from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.noise_bias import noise_alone
 from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.estimation.parameter_grid import one_point
 from strainsight.estimation.record import GridRecord
@@ -122,10 +122,11 @@ def test_gains_are_integrated_out_with_free_loads():
     assert std == pytest.approx(exact, rel=0.02)
 
 
-@pytest.mark.parametrize("p", [0.0, 1.5])
+@pytest.mark.parametrize("p", [0.0, 1.0])
 def test_noise_alone_is_no_information_on_gains_at_any_parameter(p):
     steps, seeds = 600, 40
     model, P, held, gains = gauged_with_gains(0.05, steps, 0.0)
+    P[-1, -1] = 0.5**2
     pulls = []
     for seed in range(seeds):
         y = NOISE * np.random.default_rng(seed).standard_normal((steps, 2))
@@ -248,8 +249,7 @@ def test_steady_noise_steps_are_reused():
     model = replace(chain(), free_loads=True)
     first = replace(model, every=2), np.zeros(7), start()
     record = GridRecord(*first, forces(800), np.zeros((400, 2)), damping(model))
-    problem = grid_filter_points.GridProblem((record,), use_free_loads=True)
-    (bias,) = grid_filter_points.filter_points(problem, one_point(np.zeros(2)), 0).free_load.bias
+    bias = record.noise_bias[0]
     assert len(bias.row) < 200
     pairs = bias.row[bias.step].reshape(400, 2, -1).sum(axis=1)
     np.testing.assert_allclose(pairs[200:300], np.tile(pairs[250], (100, 1)), rtol=1e-6)

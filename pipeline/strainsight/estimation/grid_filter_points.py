@@ -244,7 +244,7 @@ def advance_points(problem: GridProblem, now: WeightedFilters[C], steps: int, ke
     if now.free_load is None:
         passage = advance(now.models, now.filters, data, keep)
         return Passed(passage, power * passage.fit, passage.states)
-    weighing = advance_free_loads(now.free_load, data, span, keep)
+    weighing = advance_free_loads(now.free_load, data, problem.records[now.record].noise_bias, span, keep)
     if not problem.along:
         return Passed(weighing, power * weighing.fit, weighing.states)
     passage = advance(now.models, now.filters, data, keep)

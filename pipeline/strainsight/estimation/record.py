@@ -17,7 +17,11 @@ from strainsight.estimation.conditional import (
     theta_at,
 )
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.noise_bias import NoiseBias, noise_alone
 from strainsight.estimation.parallel_filters import Data, LinearModels
+
+NODE, FARTHEST = 2.0, 2.0
+"""Distance of the nodes of the noise bias in prior standard deviations, and the farthest point in these distances."""
 
 
 @dataclass(frozen=True)
@@ -157,3 +161,27 @@ class GridRecord:
         free, loads = self.model.with_free_loads(self.steps), np.zeros(self.model.size, dtype=bool)
         loads[free.input_states] = True
         return free, replace(free, Q=np.where(np.outer(loads, loads), free.Q, 0.0))
+
+    def with_free_loads(self, models: LinearModels) -> LinearModels:
+        """The models with free loads in place of the configured ones."""
+        free, states = self.free[0], self.free[0].parameter_states.start
+        Q = np.pad(free.process[:states, :states], (0, len(self.biased)))
+        return replace(models, Q=np.broadcast_to(Q, models.Q.shape))
+
+    @cached_property
+    def noise_bias(self) -> tuple[NoiseBias, ...]:
+        """`noise_alone` for all ν at the mean of the parameters, and NODE standard deviations below and above along each."""
+        mean, covariance = self.prior
+        steps = NODE * np.diag(np.sqrt(np.diag(covariance)))
+        models = linear_models(
+            self.model, np.concatenate([mean[None], mean - steps, mean + steps]), self.considered, self.biased
+        )
+        models, noise = self.with_free_loads(models), np.where(np.isnan(self.data.samples), np.inf, self.data.noise)
+        start = self.start[1], noise, self.model.every
+        return tuple(noise_alone(models.of(slice(b, b + 1)), *start) for b in range(models.count))
+
+    def bias_shares(self, point: np.ndarray) -> np.ndarray:
+        """Weights (B, j) of the nodes of `noise_bias` at points (B, k): quadratic along each parameter, without cross terms."""
+        mean, covariance = self.prior
+        x = np.clip((point - mean) / (NODE * np.sqrt(np.diag(covariance))), -FARTHEST, FARTHEST)
+        return np.concatenate([1 - np.sum(x**2, axis=1, keepdims=True), 0.5 * x * (x - 1), 0.5 * x * (x + 1)], axis=1)
