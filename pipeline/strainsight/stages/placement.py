@@ -274,7 +274,7 @@ VALIDATE = Stage(
 
 REPORT = Stage(
     "report",
-    version=29,
+    version=30,
     reads=(
         "name",
         "seed",

@@ -73,6 +73,13 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
         assert phrase in said
 
 
+def test_the_tile_of_a_zero_load_states_the_amplitude_of_its_relative_values(full):
+    load, *others = full().unknowns
+    assert "amplitude, as the load is zero" not in words(first_screen(page(full())))
+    zero = full(unknowns=(replace(load, zero=True, reference=1234.0), *others))
+    assert "amplitude, as the load is zero 1.23 kN" in words(first_screen(page(zero))).replace("\u00a0", " ")
+
+
 def test_sections_stand_in_the_order_of_their_use(full):
     """Answer, gauges, what limits the accuracy, validation; details, which are not printed, at the end."""
     text = page(full())

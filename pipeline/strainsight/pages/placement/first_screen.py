@@ -90,6 +90,8 @@ def _tile(unknown: Unknown) -> str:
         ("load case with the largest expected σ", escape(unknown.worst_case) or "–"),
         ("error in the simulated test", share(unknown.error)),
     ]
+    if unknown.zero:
+        rows.append(("amplitude, as the load is zero", measure(unknown.reference, unknown.unit, 3)))
     return tile(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown))
 
 
