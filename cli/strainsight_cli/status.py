@@ -98,7 +98,17 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
     short = (
         "" if peak <= available else f"; only {available:.2g} GiB are available: use a coarser mesh or a larger machine"
     )
-    return f"forecast: {stages} for {model.unknowns} degrees of freedom, {peak:.2g} GiB; {factor}{short}"
+    note = single_run_note(work.job.model) if "validate" in each else ""
+    return f"forecast: {stages} for {model.unknowns} degrees of freedom, {peak:.2g} GiB; {factor}{short}{note}"
+
+
+def single_run_note(config: object) -> str:
+    """Note that validation makes a single run, for a config without a known load; else empty."""
+    from strainsight.config.placement import PlacementConfig
+
+    if not isinstance(config, PlacementConfig) or not config.lacks_known_load:
+        return ""
+    return "; no load is known, so σ of parameters is invalid, and by default validate makes a single run"
 
 
 def costs_of(

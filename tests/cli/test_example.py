@@ -17,6 +17,7 @@ from strainsight import memory
 from strainsight.config.load import load_config
 from strainsight_cli.example import EXAMPLES
 from strainsight_cli.main import app
+from strainsight_cli.status import single_run_note
 
 from ..robustness.small import write_project
 
@@ -201,3 +202,9 @@ def test_forecast_has_size_after_import_and_omits_finished_stages(forecast_call,
     monkeypatch.setattr(memory, "available_memory", lambda: 0.1 * 2**30)
     (line,) = lines(forecast_call("run", "--dry-run"))
     assert line.endswith("; only 0.1 GiB are available: use a coarser mesh or a larger machine")
+
+
+def test_forecast_says_that_sigma_is_invalid_without_a_known_load():
+    path = ROOT / "configs" / "cantilever-input-youngs-modulus.yaml"
+    assert "no load is known, so σ of parameters is invalid" in single_run_note(load_config(path).model)
+    assert single_run_note(load_config(ROOT / "configs" / "cantilever-youngs-modulus.yaml").model) == ""

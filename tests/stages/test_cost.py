@@ -122,9 +122,22 @@ def test_validation_takes_as_long_as_measured_within_a_factor_of_three():
 
 def test_every_filter_run_of_a_validation_is_counted():
     """The layout, 20 repeats, ten random layouts of both pools and two noise levels; then points of sweeps."""
-    assert runs_of(config().validation) == 42
+    assert runs_of(config()) == 42
     swept = config("validate.sweeps={time_steps: [1.0e-3], process_noise: [0.5, 2.0]}")
-    assert runs_of(swept.validation) == 45
+    assert runs_of(swept) == 45
+
+
+def test_without_a_known_load_a_single_run_is_the_default():
+    """σ of the modulus depends on the noise model of the load in all of them; what is stated is done nevertheless."""
+    path = ROOT / "configs" / "cantilever-input-youngs-modulus.yaml"
+    usual = [f"validate.{key}=null" for key in ("random_sets", "noise_factors", "repeats")]
+    alone = load_config(path, usual).model
+    assert alone.lacks_known_load
+    assert runs_of(alone) == 1
+    assert runs_of(load_config(path, [*usual, "validate.repeats=7"]).model) == 7
+    shaken = load_config(ROOT / "configs" / "hub" / "hub-input-youngs-modulus-better.yaml", usual).model
+    assert not shaken.lacks_known_load
+    assert runs_of(shaken) == 42
 
 
 def test_a_forecast_for_every_long_stage():

@@ -33,7 +33,7 @@ from strainsight.config.layout import LayoutSettings
 from strainsight.config.loads import LoadSection, Settle, TrainingCase
 from strainsight.config.mesh import MeshFile
 from strainsight.config.parameters import DAMPING_TEXT, Damping, MaterialParameter
-from strainsight.config.tolerances import StatedTolerances, Tolerances, Validate
+from strainsight.config.tolerances import StatedTolerances, Studies, Tolerances, Validate
 
 KeepAll = Literal["all"]
 
@@ -339,6 +339,23 @@ class PlacementConfig(NamedRun):
     )
     estimate: Estimate | None = Field(None, description="Estimation from the measurements of a test.")
     report: Report = with_defaults(Report, "Results page, and export files for the workshop and other programs.")
+
+    @property
+    def lacks_known_load(self) -> bool:
+        """Whether parameters and loads are estimated while no load is known: σ then depends on the noise model of the loads."""
+        wanted, known = set(self.place.estimate), [load.known for load in self.loads.values()]
+        return bool(wanted & set(self.parameters)) and bool(wanted & set(self.loads)) and not any(known)
+
+    @property
+    def studies(self) -> Studies:
+        """Studies of the stage `validate`; by default a single run where `lacks_known_load` makes σ of all of them invalid."""
+        stated = self.validation
+        usual = Studies(1, 0, ()) if self.lacks_known_load else Studies(20, 10, (0.1, 5.0))
+        return Studies(
+            usual.repeats if stated.repeats is None else stated.repeats,
+            usual.random_sets if stated.random_sets is None else stated.random_sets,
+            usual.noise_factors if stated.noise_factors is None else stated.noise_factors,
+        )
 
 
 def sections_from_stage() -> dict[str, tuple[str, str]]:

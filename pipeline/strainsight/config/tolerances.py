@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -230,6 +231,15 @@ class Sweeps(Section):
     )
 
 
+@dataclass(frozen=True)
+class Studies:
+    """Number of repeated runs, number of random layouts in each of two groups, and factors on the noise."""
+
+    repeats: int
+    random_sets: int
+    noise_factors: tuple[float, ...]
+
+
 class Validate(TimeSpan):
     """Validation of the filter with simulated measurements."""
 
@@ -238,17 +248,23 @@ class Validate(TimeSpan):
         description="Initial standard deviation of every unknown, by name, relative to the guess of the parameter or to the "
         "amplitude of the load [-]."
     )
-    random_sets: Annotated[int, Plausible(0, 1000)] = Field(
-        10,
+    random_sets: Annotated[int | None, Plausible(0, 1000)] = Field(
+        None,
         ge=0,
         description="Number of random layouts for comparison with the placed layout [-], in each of two groups: from all "
-        "candidates, and from the candidates selected by `screen`.",
+        "candidates, and from the candidates selected by `screen`. Null: 10, or 0 if parameters and loads are estimated without "
+        "a known load, because σ is then invalid.",
     )
-    noise_factors: Annotated[tuple[Positive, ...], Plausible(1e-6, 1e6)] = Field(
-        (0.1, 5.0), description="Factors on the noise σ of all sensors, each in an additional filter run [-]."
+    noise_factors: Annotated[tuple[Positive, ...] | None, Plausible(1e-6, 1e6)] = Field(
+        None,
+        description="Factors on the noise σ of all sensors, each in an additional filter run [-]. Null: 0.1 and 5, or none as "
+        "for `random_sets`.",
     )
-    repeats: Count = Field(
-        20, ge=1, description="Number of repeated filter runs with other noise samples and initial values [-]."
+    repeats: Annotated[int | None, Plausible(1, 10_000)] = Field(
+        None,
+        ge=1,
+        description="Number of repeated filter runs with other noise samples and initial values [-]. Null: 20, or 1 as for "
+        "`random_sets`.",
     )
     sweeps: Sweeps = expert(
         default_factory=Sweeps, description="Studies with one changed setting of the filter at a time."

@@ -22,7 +22,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.tolerances import Validate
 from strainsight.fem.affine import of_stiffness
 
 FLOPS, FILL, THICK = 1.5, 1.1, 1.2
@@ -162,16 +161,16 @@ def cost_of_validate(config: PlacementConfig, size: Size) -> Cost:
     points = GRID_POINTS[min(_parameters(config), 3)] if by_grid else 1
     steps = settings.duration / settings.time_step
     k = states_of(config, varies_apart(config, size)) / 23
-    runs = runs_of(settings) * k**2 + 8 * k**3
+    runs = runs_of(config) * k**2 + 8 * k**3
     seconds = 3.5 + 4.5e-5 * size.unknowns + runs * (0.7 + points) * (0.01 + 3e-5 * steps)
     return Cost(seconds, memory_of_validate(size))
 
 
-def runs_of(settings: Validate) -> int:
-    """Number of filter runs r in addition to that of the layout."""
-    sweeps = settings.sweeps
+def runs_of(config: PlacementConfig) -> int:
+    """Number of filter runs r of `validate` in addition to that of the layout."""
+    studies, sweeps = config.studies, config.validation.sweeps
     swept = len(sweeps.time_steps) + len(sweeps.process_noise) + sum(map(len, sweeps.wrong_parameters.values()))
-    return settings.repeats + 2 * settings.random_sets + len(settings.noise_factors) + swept
+    return studies.repeats + 2 * studies.random_sets + len(studies.noise_factors) + swept
 
 
 def memory_of_validate(size: Size) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.config.tolerances import Sweeps, Validate
+from strainsight.config.tolerances import Studies, Sweeps, Validate
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation.model import physical
 from strainsight.estimation.reduced import DrivenModel
@@ -43,7 +43,13 @@ CHOICES = 1 << 31
 
 
 def studies_of(
-    trial: Trial, settings: Validate, screened: np.ndarray, allowed: np.ndarray, seed: int, sweep: Sweep = serial
+    trial: Trial,
+    settings: Studies,
+    initial_std: Mapping[str, float],
+    screened: np.ndarray,
+    allowed: np.ndarray,
+    seed: int,
+    sweep: Sweep = serial,
 ) -> tuple[dict[str, Any], int]:
     """Run the studies of `Validated`; returns its fields and the number of diverged runs:
 
@@ -52,10 +58,10 @@ def studies_of(
     screened   random layouts from the screened pool, with the noise of the layout
     all        random layouts from all candidates
 
-    settings: the validate section; screened: pool; allowed: all gauges that keep the clearance. Repeats start at the truth
+    initial_std: of each unknown; screened: pool; allowed: all gauges that keep the clearance. Repeats start at the truth
     plus a sample of the initial σ, as the filter assumes."""
     rng = np.random.default_rng([seed, CHOICES])
-    spread = np.array([settings.initial_std[name] for name in trial.names])
+    spread = np.array([initial_std[name] for name in trial.names])
     repeats, count = settings.repeats, settings.random_sets
     factors = np.array(settings.noise_factors, dtype=float)
     starts = scaled_truth(trial)[0] + spread * rng.standard_normal((repeats, len(spread)))

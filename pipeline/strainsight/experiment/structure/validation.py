@@ -127,9 +127,8 @@ def validation_of(
     samples = trial.covariance, trial.known, measured
     record = GridRecord(model, np.zeros(model.size), *samples, none_considered(model), settled=trial.settled)
     watch = _watched(using, "studies of noise levels, repeated runs and random layouts", 0.4, 0.8)
-    studies, lost = studies_of(
-        trial, settings, screened.kept, np.flatnonzero(~np.isin(screened.reason, UNSUITABLE)), seed, watch
-    )
+    allowed = np.flatnonzero(~np.isin(screened.reason, UNSUITABLE))
+    studies, lost = studies_of(trial, config.studies, settings.initial_std, screened.kept, allowed, seed, watch)
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
     budget, without = budget_of(problem, tolerances, record, trial.chosen, run, smoothed)
     innovations = nis(run.whitened[:, 0])
