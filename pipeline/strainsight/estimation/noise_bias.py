@@ -9,8 +9,8 @@ import numpy as np
 from strainsight.estimation.parallel_filters import LinearModels
 
 SETTLED, SOONEST, LEAST = 10.0, 1e-2, 1e-2
-"""A covariance is steady if it changes per sample by less than SETTLED/T, and less than SOONEST, in standard deviations; each of
-them at least LEAST of the largest of its kind, because motion that no load excites is rounding."""
+"""A covariance is steady if it changes per sample by less than SETTLED/T and SOONEST, in standard deviations. Each of them is at
+least LEAST of the largest of its kind, because motion that no load excites is rounding."""
 
 
 @dataclass(frozen=True)
