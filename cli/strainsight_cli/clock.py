@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from strainsight.errors import ArtefactError
+
 if TYPE_CHECKING:
     from strainsight.runner.plan import Job
     from strainsight.runner.stage import Stage
@@ -50,7 +52,6 @@ def seconds_of(stages: Sequence[Stage], job: Job) -> dict[str, float]:
 
 def seconds_for(artefact: Path) -> float | None:
     """Run time of the stage for the existing file [s]; None without one."""
-    from strainsight.errors import ArtefactError
     from strainsight.runner.artefact import header_of
 
     try:

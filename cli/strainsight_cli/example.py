@@ -11,6 +11,8 @@ from typing import Annotated
 
 import typer
 
+from strainsight.errors import UserError, did_you_mean
+from strainsight.writing import write_file
 from strainsight_cli.failures import reported
 from strainsight_cli.printing import say
 
@@ -63,8 +65,6 @@ def example(
                 say(f"{known:<12}{entry.about}")
             say("", "copy an example into this folder: strainsight example NAME")
             return
-        from strainsight.errors import UserError, did_you_mean
-
         if name not in EXAMPLES:
             otherwise = f"known examples: {', '.join(EXAMPLES)}"
             raise UserError(
@@ -79,9 +79,6 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
     """Copy the files of an example into a folder; the config refers to them by name.
 
     Raises UserError, before anything is written, if a file exists with other content."""
-    from strainsight.errors import UserError
-    from strainsight.writing import write_file
-
     contents = {folder / file: text for file, text in contents_of(name).items()}
     other = [
         path

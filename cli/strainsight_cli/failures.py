@@ -18,7 +18,7 @@ from pathlib import Path
 
 import typer
 
-from strainsight.errors import printable
+from strainsight.errors import StrainsightError, printable
 from strainsight.processes import end_children
 from strainsight_cli.printing import Level, level_of, say, shown, speaking
 
@@ -52,8 +52,6 @@ class Failure:
 
 def failure_of(error: Exception) -> Failure:
     """Exit code 2 if the user can correct the failure, otherwise 1."""
-    from strainsight.errors import StrainsightError
-
     details = "".join(traceback.format_exception(error))
     if isinstance(error, StrainsightError):
         return Failure(error.exit_code, str(error), details if error.exit_code == INTERNAL else "")

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from strainsight.errors import ConfigError, UserError
 from strainsight.processes import SAFE_PATH
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
@@ -189,7 +190,6 @@ def estimate(
 ) -> None:
     from strainsight.config.keys import Override
     from strainsight.config.load import kind_of
-    from strainsight.errors import ConfigError, UserError
 
     overrides: list[str | Override] = [*(options.overrides or ())]
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from strainsight.errors import ConfigError, StrainsightError, UserError
 from strainsight.runner.sweep_location import Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import RemainingTime, after, ends_at, seconds_of
@@ -58,8 +59,6 @@ def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
 
 def refuse_foreign_folder(work: Work) -> None:
     """Raise ConfigError if a suite would write its page into the folder of a run, or a run into that of a suite."""
-    from strainsight.errors import ConfigError
-
     this, foreign, its = ("suite", "run", "import") if work.stages[0].name == "suite" else ("run", "suite", "suite")
     if (work.job.folder / f"{its}.h5").exists():
         raise ConfigError(
@@ -96,7 +95,6 @@ def bring_up_to_date(
 ) -> list[Artefact]:
     """Run the stages that are not up to date, one line per stage; returns the artefacts of all stages."""
     look_at_folder(work, note)
-    from strainsight.errors import StrainsightError
     from strainsight.memory import available_memory
     from strainsight.runner.plan import WILL_RUN, plan
     from strainsight.runner.runner import DONE, RUNNING, Event
@@ -193,7 +191,6 @@ def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
 
 def refuse_warned(work: Work) -> None:
     """Raise UserError if the config or the import of a run has warnings, with the first three."""
-    from strainsight.errors import UserError
     from strainsight.runner.artefact import Artefact
 
     imported = Artefact(work.job.folder / "import.h5")

@@ -71,13 +71,13 @@ def shown_key(key: str) -> str:
     return re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", key)
 
 
-def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
+def exactly_one(values: Mapping[str, object]) -> Iterator[Problem]:
     """Yield a problem unless exactly one of the values is set."""
     names = [f"'{name}'" for name, value in values.items() if value is not None]
     if len(names) != 1:
         listed = [f"'{name}'" for name in values]
         what = f"{' and '.join(names)} cannot be combined" if names else f"none of {', '.join(listed)} is set"
-        yield Problem(key, what, f"set exactly one of {', '.join(listed)}", at_key=True)
+        yield Problem("", what, f"set exactly one of {', '.join(listed)}", at_key=True)
 
 
 def step_problems(key: str, duration: float, step: float, fewest: int, most: int, other: str = "") -> Iterator[Problem]:
@@ -119,11 +119,11 @@ def duplicate_name_problems(key: str, names: Sequence[str]) -> Iterator[Problem]
             yield Problem(f"{key}.{i}", f"'{name}' appears twice", "remove one of the two entries")
 
 
-def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
+def box_problem(box: tuple[Vector, Vector]) -> Iterator[Problem]:
     """Yield a problem unless the first corner is the lower one."""
     if any(low >= high for low, high in zip(*box, strict=True)):
         what = "each coordinate of the first corner of the box has to be smaller than that of the second corner"
-        yield Problem(key, what, "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]")
+        yield Problem("box", what, "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]")
 
 
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from strainsight.config.base import Problem, known
 from strainsight.config.gauge_types import type_problems
 from strainsight.config.gauges import AbsoluteNoise, BondedBridge
-from strainsight.config.imported import ResultsSection
+from strainsight.config.imported import ResponseOfLoad, ResultsSection
 from strainsight.config.parameters import GuessFrom, RayleighDamping
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
@@ -80,12 +80,7 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
             what = "mesh.results already contains the stiffness of all springs"
             remedy = "remove `stiffness`, and include the spring in the model that produced mesh.results"
             yield Problem(f"mesh.supports.{i}.stiffness", what, remedy, at_key=True)
-    for name, entry in results.loads.items():
-        key = f"mesh.results.loads.{name}"
-        yield from known(key, name, config.loads, "load", at_key=True)
-        if entry.magnitude == 0:
-            what = "the load magnitude is zero"
-            yield Problem(f"{key}.magnitude", what, OF_STEP)
+    yield from _responses("mesh.results.loads", results.loads, config)
     for name in results.at:
         yield from known(f"mesh.results.at.{name}", name, config.parameters, "parameter", at_key=True)
     yield from _second_results(config, results)
@@ -127,10 +122,15 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
                 remedy = "list every load in mesh.results.second.loads, with the results at the second parameter value as `file`"
                 yield Problem(f"{key}.loads", what, remedy, at_key=True)
         return
-    for name, load in second.loads.items():
-        yield from known(f"{key}.loads.{name}", name, config.loads, "load", at_key=True)
+    yield from _responses(f"{key}.loads", second.loads, config)
+
+
+def _responses(key: str, loads: Mapping[str, ResponseOfLoad], config: PlacementConfig) -> Iterator[Problem]:
+    """Check the names and magnitudes of the loads of imported responses, which are below this key."""
+    for name, load in loads.items():
+        yield from known(f"{key}.{name}", name, config.loads, "load", at_key=True)
         if load.magnitude == 0:
-            yield Problem(f"{key}.loads.{name}.magnitude", "the load magnitude is zero", OF_STEP)
+            yield Problem(f"{key}.{name}.magnitude", "the load magnitude is zero", OF_STEP)
 
 
 MODULI = ("youngs_modulus", "e1", "e2", "g12", "g1z", "g2z")

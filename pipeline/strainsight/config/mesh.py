@@ -138,7 +138,7 @@ class ElementSection(RegionProperty):
 
     def problems(self) -> Iterator[Problem]:
         """Check that the section is that of shells, or of beams or rods."""
-        yield from exactly_one("", {"thickness": self.thickness, "area": self.area})
+        yield from exactly_one({"thickness": self.thickness, "area": self.area})
         of_beams = [n for n in ("second_moments", "torsion", "direction", "size") if getattr(self, n) is not None]
         if self.area is None:
             for name in of_beams:
@@ -190,7 +190,7 @@ class Support(Section):
     )
 
     def problems(self) -> Iterator[Problem]:
-        yield from exactly_one("", {"node": self.node, "set": self.set})
+        yield from exactly_one({"node": self.node, "set": self.set})
         if self.stiffness is None:
             return
         values = self.stiffness if isinstance(self.stiffness, tuple) else (self.stiffness,)
@@ -219,7 +219,7 @@ class PointMassSection(Section):
     )
 
     def problems(self) -> Iterator[Problem]:
-        yield from exactly_one("", {"node": self.node, "set": self.set})
+        yield from exactly_one({"node": self.node, "set": self.set})
 
 
 class Face(Section):
@@ -250,7 +250,7 @@ class Face(Section):
                 "", "no key selects the facets of this face", "set `near`, `normal`, `box` or `radius`", at_key=True
             )
         if self.box is not None:
-            yield from box_problem("box", self.box)
+            yield from box_problem(self.box)
 
 
 class Tie(Section):

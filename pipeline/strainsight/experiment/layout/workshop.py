@@ -14,12 +14,10 @@ from strainsight.experiment.layout.gauge_list import (
     GaugeList,
     cell,
     channel_labels,
-    line_edges,
     marked_places,
     measured_cells,
     measured_columns,
 )
-from strainsight.mesh.model import Mesh
 from strainsight.positions import PositionAxes
 from strainsight.sensors.edges import EdgeDimensions, carrier
 from strainsight.sensors.export import uff_text
@@ -52,11 +50,6 @@ def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
     kind = gauge_type(gauges) if bonded_on else None
     size = carrier(length) if kind is None else (kind.carrier_length, kind.carrier_width)
     return Foil(*size, kind)
-
-
-def workshop_of(listed: GaugeList, mesh: Mesh, frame: PositionAxes) -> Workshop:
-    """Layout with dimensions in a frame."""
-    return Workshop(listed, line_edges(listed.grids, mesh), frame)
 
 
 def workshop_csv(shop: Workshop) -> bytes:

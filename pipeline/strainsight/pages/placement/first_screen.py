@@ -41,7 +41,11 @@ def first_screen(report: PlacementReport, scene: bytes | None, scene_problem: st
     first = 0 if shapes and shapes[0].contour is not None else -1
     view = space_section([("", report.layout)], shapes, first=first)
     picture = _picture(report.layout, scene, scene_problem)
-    return sections.first_screen("", f'{view}{picture}<div class="tiles">{tiles}</div>', _cautions(report))
+    cautions = (
+        sections.caution("Observability", items(_observable(report))),
+        sections.caution("Not tested", bullets(report.not_tested)),
+    )
+    return sections.first_screen("", f'{view}{picture}<div class="tiles">{tiles}</div>', cautions)
 
 
 def answer(report: PlacementReport) -> str:
@@ -107,12 +111,6 @@ def _bound_tile(report: PlacementReport) -> str:
     gap = report.trend.gap
     value = "not computed" if gap is None else f"≤\u00a0{share(max(gap, 0.0))}"
     return tile(f"gap of the criterion {escape(report.trend.metric.symbol)} to its lower bound", value)
-
-
-def _cautions(report: PlacementReport) -> Iterator[str]:
-    """Cards on observability and missing tests."""
-    yield sections.caution("Observability", items(_observable(report)))
-    yield sections.caution("Not tested", bullets(report.not_tested))
 
 
 def _observable(report: PlacementReport) -> list[str]:

@@ -74,7 +74,8 @@ def _vectors(frame: PositionAxes, vectors: Sequence[FloatArray]) -> str:
 
 
 def _worth(report: PlacementReport) -> str:
-    gauges, names = report.layout.gauges, names_without(report)
+    gauges = report.layout.gauges
+    names = [u.name for u in report.unknowns if any(u.name in gauge.without for gauge in gauges)]
     read = any(gauge.peak is not None for gauge in gauges)
     tested = any(gauge.refined is not None for gauge in gauges)
     rows = [
@@ -93,11 +94,6 @@ def _worth(report: PlacementReport) -> str:
     head += [f"expected σ({escape(name)}) without gauge" for name in names]
     caption = _caption_of_worth(gauges)
     return table("gauges: readings", head, rows, caption=caption, numeric=range(1, len(head)), foot=foot)
-
-
-def names_without(report: PlacementReport) -> list[str]:
-    """Unknowns with an expected σ without each gauge."""
-    return [u.name for u in report.unknowns if any(u.name in gauge.without for gauge in report.layout.gauges)]
 
 
 def expected_with_all(report: PlacementReport, names: Sequence[str]) -> list[str]:

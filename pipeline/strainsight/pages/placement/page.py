@@ -12,7 +12,7 @@ from strainsight.pages.chart.drawing import Drawing
 from strainsight.pages.page import markup, sections
 from strainsight.pages.page.markup import data, figures, folded, measure, plain, select_figures, share, table
 from strainsight.pages.page.problems import faults, headline
-from strainsight.pages.placement.data import PlacementReport, Unknown
+from strainsight.pages.placement.data import PlacementReport
 from strainsight.pages.placement.first_screen import answer, first_screen
 from strainsight.pages.placement.gauge_table import (
     cases_table,
@@ -116,7 +116,7 @@ def _validation(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
             share(one.error),
             WITHHELD if one.withheld else share(one.std),
             share(one.smoothed_error if one.kind == "input" else None),
-            _calibration(one),
+            "<br>".join(claim.words(plain, limit=False) for claim in one.claims) or "–",
         ]
         for one in report.unknowns
     ]
@@ -125,11 +125,6 @@ def _validation(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     numbers = table("simulated test", head, rows, caption=caption, numeric=range(1, 6))
     shown = figures(select_figures(drawings, "estimate-", "closing-", "posterior-"))
     return sections.section("Simulated test", numbers, more=shown)
-
-
-def _calibration(unknown: Unknown) -> str:
-    """Calibration of σ by all claims."""
-    return "<br>".join(claim.words(plain, limit=False) for claim in unknown.claims) or "–"
 
 
 def _signals(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:

@@ -46,8 +46,8 @@ class Paper:
         style += f' fill="{fill}"' * bool(fill)
         self._marks.append(f'<path d="{way}"{style}/>')
 
-    def circle(self, at: Point, radius: float, width: float = THIN) -> None:
-        self._marks.append(f'<circle cx="{_n(at[0])}" cy="{_n(at[1])}" r="{_n(radius)}" stroke-width="{width}"/>')
+    def circle(self, at: Point, radius: float) -> None:
+        self._marks.append(f'<circle cx="{_n(at[0])}" cy="{_n(at[1])}" r="{_n(radius)}" stroke-width="{THIN}"/>')
 
     def text(
         self, at: Point, words: str, size: float = TEXT, anchor: str = "start", turn: float = 0.0, bold: bool = False
@@ -293,7 +293,7 @@ def outline(paper: Paper, placed: PlacedView) -> None:
         paper.path(path, THICK)
 
 
-def datum(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
+def datum(paper: Paper, placed: PlacedView) -> None:
     """Draw the origin and the axes, if they are not normal to the paper."""
     at = placed(np.zeros(3))
     paper.circle(at, 1.2)

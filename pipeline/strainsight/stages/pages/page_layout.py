@@ -181,8 +181,3 @@ def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray
     if entry.node is not None:
         return mesh.position[mesh.node_index(int(entry.node))], direction
     return mesh.position[np.isin(mesh.node_ids, mesh.node_sets[entry.set])].mean(axis=0), direction
-
-
-def expected_sigma(name: str, place: Artefact) -> tuple[float, float]:
-    """Relative σ expected at placement, and its reference [unit]."""
-    return float(place.summary[f"std.{name}"]), float(place.attributes(f"/expected_std/{name}")["scale"])
