@@ -19,8 +19,6 @@ from strainsight_cli.printing import say
 HERE = Path(__file__).parent
 SHIPPED = HERE / "shipped"
 """Folder of the files in the package (`force-include` in pyproject.toml), with the same paths as in the repository."""
-REPOSITORY = HERE.parents[1]
-"""Folder of the files in an editable installation."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +97,7 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
 def contents_of(name: str) -> dict[str, bytes]:
     """File name → content; the config refers to local file names, and its results have the name of the example."""
     entry = EXAMPLES[name]
-    root = SHIPPED if SHIPPED.is_dir() else REPOSITORY
+    root = SHIPPED if SHIPPED.is_dir() else HERE.parents[1]  # of an editable installation
     text = (root / entry.config).read_text(encoding="utf-8")
     for file in entry.files:
         text = text.replace(posixpath.relpath(file, posixpath.dirname(entry.config)), posixpath.basename(file))

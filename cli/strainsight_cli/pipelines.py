@@ -45,9 +45,9 @@ def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
         estimate, validation = config.get("estimate") or {}, config["validate"]
         truth = validation["truth"]["model"] if validation else None
         return stages_for(bool(estimate.get("file") or estimate.get("records")), truth)
-    from strainsight.stages.bench.pipeline import BEARING_ALONE, bench_stages
+    from strainsight.stages.bench.pipeline import BEARING, bench_stages
 
-    return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(config)
+    return (BEARING,) if config["kind"] == "bearing" else bench_stages(config)
 
 
 PAGES = ("test", "report")

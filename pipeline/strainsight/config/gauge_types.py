@@ -21,8 +21,6 @@ from strainsight.config.base import (
 )
 from strainsight.errors import did_you_mean
 
-TypeName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_/-]*$", max_length=40)]
-"""Name of a user-defined gauge type: letters, digits, _, - and /, as in 3/350."""
 LEADS = 1.0
 """[Ω] Assumed lead wire resistance without compensation: a few metres of thin wire."""
 

@@ -31,8 +31,7 @@ from strainsight.config.base import (
 )
 from strainsight.config.imported import Matrices, ResultsSection
 
-Component = Literal[1, 2, 3, 4, 5, 6]
-Components = Annotated[tuple[Component, ...], Field(min_length=1, max_length=6)]
+Components = Annotated[tuple[Literal[1, 2, 3, 4, 5, 6], ...], Field(min_length=1, max_length=6)]
 RegionKey = Id | Text
 NodeId = Annotated[Id, Field(ge=1)]
 SetId = NodeId

@@ -122,14 +122,13 @@ class Distance(Between):
     )
 
 
-Held = Literal["x", "y", "z", "about_x", "about_y", "about_z"]
-
-
 class Generic(Between):
     """Selected components of the relative motion of two frames are fixed, the other components are free."""
 
     type: Literal["generic"] = Field(description="Kind of joint: selected fixed components.")
-    fixed: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = expert(
+    fixed: Annotated[
+        tuple[Literal["x", "y", "z", "about_x", "about_y", "about_z"], ...], Field(min_length=1, max_length=6)
+    ] = expert(
         description="Fixed components of the relative motion: displacements along the axes of the first frame, and rotations "
         "about these axes. One fixed rotation keeps two axes perpendicular, as in a Cardan joint. Two fixed rotations keep "
         "one axis of the first frame parallel to the axis of the same name of the second frame."

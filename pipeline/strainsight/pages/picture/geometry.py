@@ -177,18 +177,11 @@ def scale_of(quantity: str, unit: str, values: FloatArray, area: FloatArray | No
     return replace(whole, low=low, high=high, below=bool(values.min() < low), above=bool(values.max() > high))
 
 
-def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]:
-    """Colours (n, 3) from 0 to 255; missing: "#rrggbb" for NaN."""
-    share = scale.share(values)
-    rgb = np.asarray(matplotlib().colormaps[scale.name](np.nan_to_num(share)), dtype=float)[..., :3]
-    table = np.round(255 * rgb).astype(np.uint8)
-    table[~np.isfinite(share)] = np.frombuffer(bytes.fromhex(missing[1:]), np.uint8)
-    return table
-
-
 def stops(scale: Scale) -> NDArray[np.uint8]:
     """Equidistant colours (STEPS, 3) from 0 to 255 of the scale, for linear interpolation."""
-    return colours(scale, np.linspace(scale.low, scale.high, STEPS), "#000000")
+    share = scale.share(np.linspace(scale.low, scale.high, STEPS))
+    rgb = np.asarray(matplotlib().colormaps[scale.name](share), dtype=float)[..., :3]
+    return np.round(255 * rgb).astype(np.uint8)
 
 
 def scale_bar(scale: Scale) -> str:

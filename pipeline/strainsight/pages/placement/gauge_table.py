@@ -32,7 +32,6 @@ REFINED = (
     "the RMS strain of the training simulation (simulation in the stage `train`). A large change indicates a "
     "hot spot: a corner, the end of a support or a concentrated force."
 )
-UNOBSERVABLE = "∞: without this gauge the unknown is not observable."
 
 
 def gauge_table(report: PlacementReport) -> str:
@@ -138,7 +137,9 @@ def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
             gauge.peak is not None for gauge in gauges
         ),
         REFINED: any(gauge.refined is not None for gauge in gauges),
-        UNOBSERVABLE: any(math.isinf(value) for gauge in gauges for value in gauge.without.values()),
+        "∞: without this gauge the unknown is not observable.": any(
+            math.isinf(value) for gauge in gauges for value in gauge.without.values()
+        ),
     }
     return " ".join(text for text, occurs in sentences.items() if occurs)
 

@@ -31,7 +31,6 @@ from strainsight.text import listed, quantity
 
 SINGULAR = 1e13
 """Condition number above which its digits are rounding errors."""
-TRAINING = "training simulation"
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class ExcitationSeries:
     @property
     def heading(self) -> str:
         """Name of the excitation from its runs: their training motion, or a configured excitation."""
-        return numbered(self.runs) + ("" if self.excitation == TRAINING else f" at {self.excitation}")
+        return numbered(self.runs) + ("" if self.excitation == "training simulation" else f" at {self.excitation}")
 
 
 def series_of(report: Suite) -> tuple[ExcitationSeries, ...]:
