@@ -198,7 +198,6 @@ Marker = Plausible | PlausibleBy | Unbounded
 
 PRICE = Unbounded("any currency")
 READING = Unbounded("any unit")
-COMPARED = Unbounded("any unit")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
@@ -357,11 +356,8 @@ class AxesSection(Section):
         x, y = self.x, self.y
         along = sum(a * b for a, b in zip(x, y, strict=True))
         if any(x) and any(y) and along**2 >= (1 - PARALLEL) * sum(a * a for a in x) * sum(b * b for b in y):
-            yield Problem(
-                "y",
-                f"{list(y)} is parallel to the x axis, {list(x)}",
-                "use a vector in the x-y plane that is not parallel to `x`",
-            )
+            what = f"{list(y)} is parallel to the x axis, {list(x)}"
+            yield Problem("y", what, "use a vector in the x-y plane that is not parallel to `x`")
 
 
 def expert(*default: Any, **settings: Any) -> Any:
@@ -399,7 +395,5 @@ def name_problems(config: BaseModel) -> Iterator[Problem]:
     for name in marked(config, Names):
         mark = name.mark
         entries = getattr(config, mark.section)
-        known_names = [
-            entry_name for entry_name, entry in entries.items() if mark.type is None or entry.type == mark.type
-        ]
-        yield from known(name.field, str(name.value), [*known_names, *mark.besides], mark.what)
+        names = [key for key, entry in entries.items() if mark.type is None or entry.type == mark.type]
+        yield from known(name.field, str(name.value), [*names, *mark.besides], mark.what)

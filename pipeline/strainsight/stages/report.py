@@ -17,13 +17,14 @@ from strainsight.experiment.structure.surface import SurfaceStrain
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.chart.files import file_name
+from strainsight.pages.picture.geometry import paper_axes
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.picture.scene import draw_or_explain, render
 from strainsight.pages.placement.data import Noise
 from strainsight.pages.placement.figures import placement_figures
 from strainsight.pages.placement.page import placement_page
 from strainsight.pages.sheets.sheet import sheet_svg
-from strainsight.pages.sheets.views import Projection, Sheet, paper_axes
+from strainsight.pages.sheets.views import Projection, Sheet
 from strainsight.pages.space.model import ShownState
 from strainsight.pages.view.viewing import screenshots, untitled
 from strainsight.records.placed import Placed

@@ -113,6 +113,18 @@ def views(points: FloatArray, triangle: IntArray, position: FloatArray, normal: 
     return corners[first], corners[int(np.argmax(visible[:, missed].sum(axis=1)))]
 
 
+def paper_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Right and up (3,) of the view along a normal (3,): z upward, or x to the right if the normal is along z."""
+    n = np.asarray(normal, dtype=float)
+    if abs(n[2]) > 0.9:
+        right = np.array([1.0, 0.0, 0.0]) - n[0] * n
+        right /= np.linalg.norm(right)
+        return right, np.cross(n, right)
+    up = np.array([0.0, 0.0, 1.0]) - n[2] * n
+    up /= np.linalg.norm(up)
+    return np.cross(up, n), up
+
+
 def at_points(values: FloatArray, faces: IntArray, points: int) -> FloatArray:
     """Mean value at every point (n,) of the adjacent facets with values (f,); faces (f, 8) padded with −1; NaN without facets."""
     facet, column = np.nonzero(faces >= 0)

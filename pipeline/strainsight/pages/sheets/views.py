@@ -222,18 +222,6 @@ class Sheet:
     side: Projection
 
 
-def paper_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Right and up (3,) of the view along a normal (3,): z upward, or x to the right if the normal is along z."""
-    n = np.asarray(normal, dtype=float)
-    if abs(n[2]) > 0.9:
-        right = np.array([1.0, 0.0, 0.0]) - n[0] * n
-        right /= np.linalg.norm(right)
-        return right, np.cross(n, right)
-    up = np.array([0.0, 0.0, 1.0]) - n[2] * n
-    up /= np.linalg.norm(up)
-    return np.cross(up, n), up
-
-
 MINUS = "−"
 HIDDEN = "1.6 0.9"
 CHAIN = "4 0.8 0.6 0.8"
