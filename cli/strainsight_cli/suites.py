@@ -18,7 +18,6 @@ import typer
 
 from strainsight import processes
 from strainsight.errors import ConfigError, StrainsightError, did_you_mean
-from strainsight.parallel import cores
 from strainsight.processes import end_with_parent
 from strainsight.runner.output import Table
 from strainsight.runner.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, WILL_RUN, Job, files_of, inputs_of, plan
@@ -118,13 +117,6 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
     all_of([*works, page], refuse_foreign_folder)
     all_of(range(len(works)), lambda i: _refuse_inputs(suite, works, i))
     return [*works, page]
-
-
-def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple[int, Where]:
-    """Number of parallel runs, and location of their sweeps: `--jobs` sets the runs; otherwise the suite does, and the runs share
-    the cores."""
-    at_once = jobs or int(suite.data["jobs"])
-    return at_once, Where(1 if jobs else max(1, cores() // at_once), dask)
 
 
 def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:

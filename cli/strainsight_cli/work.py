@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from strainsight.errors import ConfigError, StrainsightError, UserError
 from strainsight.runner.sweep_location import Where, opened
 from strainsight_cli import render
-from strainsight_cli.clock import RemainingTime, after, ends_at, seconds_of
+from strainsight_cli.clock import RemainingTime, after, ends_at, seconds_for
 from strainsight_cli.failures import same_text, warn
 from strainsight_cli.printing import Level, say, shown
 from strainsight_cli.runlog import peak, run_log
@@ -103,7 +103,8 @@ def bring_up_to_date(
 
     artefacts: list[Artefact] = []
     at_work, started, following, forecast_said = "", time.time(), None, as_json or bool(work.run)
-    last = seconds_of(work.stages, work.job)
+    files = {stage.name: work.job.folder / f"{stage.name}.h5" for stage in work.stages}
+    last = {name: seconds for name, path in files.items() if (seconds := seconds_for(path)) is not None}
 
     def move(stage: str, activity: str, share: float) -> None:
         left = RemainingTime(ends_at(started, time.time(), share, last.get(stage)), following)

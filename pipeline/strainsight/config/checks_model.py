@@ -149,14 +149,7 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem(f"parameters.{name}.guess.from", what, "set `from` to another run, or `guess` to a number")
 
 
-def load_problems(config: PlacementConfig) -> Iterator[Problem]:
-    """Yield the inconsistencies between the model, its loads, its damping and the training simulation."""
-    yield from _static(config)
-    yield from damping_problems(config)
-    yield from result_problems(config)
-
-
-def _static(config: PlacementConfig) -> Iterator[Problem]:
+def static_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Check for parameters and sensors that need inertia, with train.model: static."""
     if config.train.model != "static":
         return
@@ -286,15 +279,6 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _count(config)
 
 
-def channels_of_a_gauge(config: PlacementConfig) -> int:
-    """Largest number of signals of one gauge: of a rosette, or of a triaxial accelerometer."""
-    direction = config.gauges.direction
-    counts = [len(sensors.axes) for sensors in config.motion_sensors.values()]
-    counts += [len(bonded.angles) for bonded in config.gauges.fixed if not isinstance(bonded, BondedBridge)]
-    counts += [LARGEST_ROSETTE] * (config.gauges.fixed_file is not None)  # nobody has read it yet
-    return max([len(direction.angles) if direction is not None and config.gauges.rosette else 1, *counts])
-
-
 def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
     """Check for keys that need a mesh surface, if candidates are rows of the strain operator."""
     gauges = config.gauges
@@ -363,7 +347,13 @@ def _mirrored(config: PlacementConfig) -> Iterator[Problem]:
 
 def _count(config: PlacementConfig) -> Iterator[Problem]:
     keep, names = config.place.keep, tuple(dict.fromkeys(config.place.estimate))
-    signals = keep * channels_of_a_gauge(config)
+    direction, rosette = config.gauges.direction, config.gauges.rosette
+    # signals of one gauge: of a rosette, or of a triaxial accelerometer
+    counts = [len(direction.angles) if direction is not None and rosette else 1]
+    counts += [len(sensors.axes) for sensors in config.motion_sensors.values()]
+    counts += [len(bonded.angles) for bonded in config.gauges.fixed if not isinstance(bonded, BondedBridge)]
+    counts += [LARGEST_ROSETTE] * (config.gauges.fixed_file is not None)  # nobody has read it yet
+    signals = keep * max(counts)
     if signals < len(names):
         yield Problem(
             "place.keep",

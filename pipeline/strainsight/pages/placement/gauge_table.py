@@ -63,7 +63,16 @@ def _where(report: PlacementReport) -> str:
     head += [f"distance to nearest edges [{frame.unit}]", "angle from nearest edges to measuring direction"] * edged
     numeric = [2, 3, 4, *range(7, len(head))]
     head += ["installation"] * noted
-    return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
+    several = any(len(gauge.channels) > 1 for gauge in gauges)
+    below = "; rosettes and triaxial sensors have one line for each direction" * several
+    sentences = {
+        f"Positions, normals and measuring directions are in {frame.in_words()}{below}.": True,
+        "The arms of a bridge are listed in the order of their signs.": any(gauge.arms for gauge in gauges),
+        EDGES: any(len(gauge.edges) for gauge in gauges),
+        "A gauge and its mirror image were placed as a pair.": any(gauge.mirror for gauge in gauges),
+        BONDED: any(gauge.notes for gauge in gauges),
+    }
+    return table("gauges", head, rows, caption=_occurring(sentences), numeric=numeric)
 
 
 def _vectors(frame: PositionAxes, vectors: Sequence[FloatArray]) -> str:
@@ -91,7 +100,18 @@ def _worth(report: PlacementReport) -> str:
     head += ["training peak"] * read + ["change of strain with refined mesh"] * tested
     foot = ["all gauges", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
     head += [f"expected σ({escape(name)}) without gauge" for name in names]
-    caption = _caption_of_worth(gauges)
+    ids = "Numbers refer to the imported table of gauges" if imported(gauges) else "Ids refer to the mesh file"
+    sentences = {
+        f"{ids}; the angle is measured from the projected axis.": True,
+        "Training peak: largest reading of the training simulation, relative to the measuring range.": any(
+            gauge.peak is not None for gauge in gauges
+        ),
+        REFINED: any(gauge.refined is not None for gauge in gauges),
+        "∞: without this gauge the unknown is not observable.": any(
+            math.isinf(value) for gauge in gauges for value in gauge.without.values()
+        ),
+    }
+    caption = _occurring(sentences)
     return table("gauges: readings", head, rows, caption=caption, numeric=range(1, len(head)), foot=foot)
 
 
@@ -114,33 +134,8 @@ def imported(gauges: tuple[Gauge, ...]) -> bool:
     return not any(gauge.facet for gauge in gauges)
 
 
-def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
-    """Caption of the position table, for the columns that occur."""
-    several = any(len(gauge.channels) > 1 for gauge in gauges)
-    below = "; rosettes and triaxial sensors have one line for each direction" * several
-    sentences = {
-        f"Positions, normals and measuring directions are in {frame.in_words()}{below}.": True,
-        "The arms of a bridge are listed in the order of their signs.": any(gauge.arms for gauge in gauges),
-        EDGES: any(len(gauge.edges) for gauge in gauges),
-        "A gauge and its mirror image were placed as a pair.": any(gauge.mirror for gauge in gauges),
-        BONDED: any(gauge.notes for gauge in gauges),
-    }
-    return " ".join(text for text, occurs in sentences.items() if occurs)
-
-
-def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
-    """Caption of the table of readings, for the columns that occur."""
-    ids = "Numbers refer to the imported table of gauges" if imported(gauges) else "Ids refer to the mesh file"
-    sentences = {
-        f"{ids}; the angle is measured from the projected axis.": True,
-        "Training peak: largest reading of the training simulation, relative to the measuring range.": any(
-            gauge.peak is not None for gauge in gauges
-        ),
-        REFINED: any(gauge.refined is not None for gauge in gauges),
-        "∞: without this gauge the unknown is not observable.": any(
-            math.isinf(value) for gauge in gauges for value in gauge.without.values()
-        ),
-    }
+def _occurring(sentences: Mapping[str, bool]) -> str:
+    """Caption of a table: the sentences on what occurs in it."""
     return " ".join(text for text, occurs in sentences.items() if occurs)
 
 

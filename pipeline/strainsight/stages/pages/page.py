@@ -84,14 +84,8 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         provenance=provenance(context),
         assumes=tuple(row for table in up["import"].tables if table.title == ASSUMES for row in table.rows),
     )
-    return _with_validation(report, names, up) if "validate" in up else report
-
-
-def _with_validation(
-    report: data.PlacementReport, names: list[str], up: Mapping[str, Artefact]
-) -> data.PlacementReport:
-    """The content with the results of the simulated test."""
-    validate = up["validate"]
+    if (validate := up.get("validate")) is None:
+        return report
     validated = read(Validated, validate)
     return replace(
         report,
