@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.config.gauge_types import GaugeType, Typed, gauge_type
+from strainsight.config.gauge_types import GaugeType, gauge_type
+from strainsight.config.gauges import Gauges
 from strainsight.config.placement import Report
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
@@ -42,7 +43,7 @@ class Foil:
     type: GaugeType | None
 
 
-def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
+def foil_at(gauges: Gauges, shop: Workshop, line: int) -> Foil:
     """Carrier at a line; bonded gauges may have another type than the config."""
     listed, length = shop.listed, shop.listed.grids.length[line]
     gauge = listed.gauge[line]

@@ -103,10 +103,8 @@ def _worth(report: PlacementReport) -> str:
     ids = "Numbers refer to the imported table of gauges" if imported(gauges) else "Ids refer to the mesh file"
     sentences = {
         f"{ids}; the angle is measured from the projected axis.": True,
-        "Training peak: largest reading of the training simulation, relative to the measuring range.": any(
-            gauge.peak is not None for gauge in gauges
-        ),
-        REFINED: any(gauge.refined is not None for gauge in gauges),
+        "Training peak: largest reading of the training simulation, relative to the measuring range.": read,
+        REFINED: tested,
         "∞: without this gauge the unknown is not observable.": any(
             math.isinf(value) for gauge in gauges for value in gauge.without.values()
         ),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.config.gauge_types import Typed
+from strainsight.config.gauges import Gauges
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.workshop import Workshop, foil_at
 from strainsight.experiment.structure.candidates import listed_gauges as gauges_of
@@ -49,7 +49,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     return replace(bare(mesh, loads), pool=at, gauges=gauges, loose=_known_to_matrices(mesh, up))
 
 
-def measured(layout: PictureLayout, shop: Workshop, gauges: Typed) -> PictureLayout:
+def measured(layout: PictureLayout, shop: Workshop, gauges: Gauges) -> PictureLayout:
     """The layout in the axes of the workshop, its gauges with their distances to edges and the size of their foils.
 
     gauges: the section of the config, which may name a type."""
