@@ -20,7 +20,7 @@ import numpy as np
 from tests.estimation.truth import draw_truth
 
 from strainsight import api
-from strainsight.config.estimate import DamageSettings
+from strainsight.config.damage import DamageSettings
 from strainsight.damage import interval_of
 from strainsight.estimation.conditional import ConsideredParameters
 from strainsight.estimation.grid_filter import GridRun, filter_on_grid

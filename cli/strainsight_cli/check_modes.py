@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from strainsight.errors import ConfigError
 from strainsight_cli import pipelines
 from strainsight_cli.failures import INCONSISTENT, reported
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
@@ -41,7 +42,6 @@ def check_modes(
 ) -> None:
     with reported(verbose):
         from strainsight.config.placement import PlacementConfig
-        from strainsight.errors import ConfigError
         from strainsight.experiment.structure.modes_compared import modes_compared, modes_of_file
         from strainsight.records.mesh import mesh_from
         from strainsight.runner.output import Table

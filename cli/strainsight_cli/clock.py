@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from strainsight.errors import ArtefactError
+
 if TYPE_CHECKING:
-    from strainsight.runner.plan import Job
     from strainsight.runner.stage import Stage
 
 LEAST_SHARE, LEAST_SECONDS = 0.1, 2.0
@@ -42,15 +43,8 @@ def ends_at(started: float, now: float, share: float, last: float | None) -> flo
     return started + spent / min(share, 1.0)
 
 
-def seconds_of(stages: Sequence[Stage], job: Job) -> dict[str, float]:
-    """Stage → run time when its file was written [s], for stages with a file."""
-    times = {stage.name: seconds_for(job.folder / f"{stage.name}.h5") for stage in stages}
-    return {name: seconds for name, seconds in times.items() if seconds is not None}
-
-
 def seconds_for(artefact: Path) -> float | None:
     """Run time of the stage for the existing file [s]; None without one."""
-    from strainsight.errors import ArtefactError
     from strainsight.runner.artefact import header_of
 
     try:

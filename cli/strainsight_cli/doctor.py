@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 
 from strainsight.errors import UserError, printable
+from strainsight.parallel import cores as usable
 from strainsight_cli.printing import json_line, say
 from strainsight_cli.trials import tried
 
@@ -80,8 +81,6 @@ def check_rendering() -> DoctorFinding:
 
 def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None = None) -> list[DoctorFinding]:
     """Cores of this process, and the environment variables of numerical libraries."""
-    from strainsight.parallel import cores as usable
-
     available = cores or usable()
     findings = [DoctorFinding("cores", GOOD, f"{available} cores available to this process")]
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):

@@ -11,14 +11,14 @@ from typing import Annotated
 
 import typer
 
+from strainsight.errors import UserError, did_you_mean
+from strainsight.writing import write_file
 from strainsight_cli.failures import reported
 from strainsight_cli.printing import say
 
 HERE = Path(__file__).parent
 SHIPPED = HERE / "shipped"
 """Folder of the files in the package (`force-include` in pyproject.toml), with the same paths as in the repository."""
-REPOSITORY = HERE.parents[1]
-"""Folder of the files in an editable installation."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,6 @@ def example(
                 say(f"{known:<12}{entry.about}")
             say("", "copy an example into this folder: strainsight example NAME")
             return
-        from strainsight.errors import UserError, did_you_mean
-
         if name not in EXAMPLES:
             otherwise = f"known examples: {', '.join(EXAMPLES)}"
             raise UserError(
@@ -79,9 +77,6 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
     """Copy the files of an example into a folder; the config refers to them by name.
 
     Raises UserError, before anything is written, if a file exists with other content."""
-    from strainsight.errors import UserError
-    from strainsight.writing import write_file
-
     contents = {folder / file: text for file, text in contents_of(name).items()}
     other = [
         path
@@ -102,7 +97,7 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
 def contents_of(name: str) -> dict[str, bytes]:
     """File name → content; the config refers to local file names, and its results have the name of the example."""
     entry = EXAMPLES[name]
-    root = SHIPPED if SHIPPED.is_dir() else REPOSITORY
+    root = SHIPPED if SHIPPED.is_dir() else HERE.parents[1]  # of an editable installation
     text = (root / entry.config).read_text(encoding="utf-8")
     for file in entry.files:
         text = text.replace(posixpath.relpath(file, posixpath.dirname(entry.config)), posixpath.basename(file))

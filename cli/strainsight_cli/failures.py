@@ -18,7 +18,7 @@ from pathlib import Path
 
 import typer
 
-from strainsight.errors import printable
+from strainsight.errors import StrainsightError, printable
 from strainsight.processes import end_children
 from strainsight_cli.printing import Level, level_of, say, shown, speaking
 
@@ -36,7 +36,6 @@ PATIENCE = 1.0
 """[s] Time limit for final messages."""
 FULL = tuple(getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if hasattr(errno, name))
 """Python's text for a full disk without a file name."""
-MORE_FILES = "increase the limit of open files (ulimit -n), or use --jobs 1"
 LAST_WORDS: list[Callable[[str], None]] = []
 """Callbacks that report an interrupt before the process ends; none may block."""
 
@@ -52,13 +51,12 @@ class Failure:
 
 def failure_of(error: Exception) -> Failure:
     """Exit code 2 if the user can correct the failure, otherwise 1."""
-    from strainsight.errors import StrainsightError
-
     details = "".join(traceback.format_exception(error))
     if isinstance(error, StrainsightError):
         return Failure(error.exit_code, str(error), details if error.exit_code == INTERNAL else "")
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-        return Failure(USER, f"{error.strerror}\n    {MORE_FILES}", details)
+        remedy = "increase the limit of open files (ulimit -n), or use --jobs 1"
+        return Failure(USER, f"{error.strerror}\n    {remedy}", details)
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
         remedy = "make the path readable and writable, or use another one (for results: --results FOLDER)"
         return Failure(USER, f"{printable(str(error.filename))}  {error.strerror}\n    {remedy}", details)

@@ -12,6 +12,7 @@ import typer
 
 from strainsight.config.deck_properties import Answers, LoadAnswer, Suggestion
 from strainsight.errors import ConfigError, StrainsightError, UserError
+from strainsight.writing import write_file
 from strainsight_cli.failures import reported
 from strainsight_cli.init_answers import ask_answers, read_direction, read_loads, read_material, read_support
 from strainsight_cli.options import Verbose
@@ -103,7 +104,6 @@ def init(
                 "the file already exists", where=str(target), remedy="specify another file with -o FILE, or use --force"
             )
         from strainsight.stages.suggestion import suggestion
-        from strainsight.writing import write_file
 
         relative = Path(os.path.relpath(deck.resolve(), target.resolve().parent)).as_posix()
         hints = suggestion(deck)

@@ -11,6 +11,8 @@ from typing import Annotated, Any
 
 import typer
 
+from strainsight.errors import ConfigError, UserError
+from strainsight.parallel import cores
 from strainsight.processes import SAFE_PATH
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
@@ -68,7 +70,9 @@ def run(config: ConfigFile, options: RunOptions) -> None:
     if loaded.data["kind"] == "suite":
         from strainsight_cli import suites
 
-        at_once, where = suites.shared_out(loaded, options.jobs, options.dask)
+        # --jobs sets the number of parallel runs; otherwise the suite does, and the runs share the cores
+        at_once = options.jobs or int(loaded.data["jobs"])
+        where = replace(options.where, jobs=1 if options.jobs else max(1, cores() // at_once))
         works = suites.works_of(loaded, options.results, where)
         if options.dry_run:
             suites.show_suite(works, options.force, options.as_json, options.verbose)
@@ -189,7 +193,6 @@ def estimate(
 ) -> None:
     from strainsight.config.keys import Override
     from strainsight.config.load import kind_of
-    from strainsight.errors import ConfigError, UserError
 
     overrides: list[str | Override] = [*(options.overrides or ())]
 

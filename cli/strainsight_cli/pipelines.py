@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from strainsight.errors import ArtefactError, UserError
 from strainsight_cli.work import Work, note
 
 if TYPE_CHECKING:
@@ -44,9 +45,9 @@ def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
         estimate, validation = config.get("estimate") or {}, config["validate"]
         truth = validation["truth"]["model"] if validation else None
         return stages_for(bool(estimate.get("file") or estimate.get("records")), truth)
-    from strainsight.stages.bench.pipeline import BEARING_ALONE, bench_stages
+    from strainsight.stages.bench.pipeline import BEARING, bench_stages
 
-    return BEARING_ALONE if config["kind"] == "bearing" else bench_stages(config)
+    return (BEARING,) if config["kind"] == "bearing" else bench_stages(config)
 
 
 PAGES = ("test", "report")
@@ -67,7 +68,6 @@ def with_last_test(
     if not section or section.get("file") or section.get("records") or not artefact.is_file():
         return loaded
     from strainsight.config.keys import Override
-    from strainsight.errors import ArtefactError
     from strainsight.runner.artefact import header_of
 
     try:
@@ -106,7 +106,6 @@ def work_of(config: LoadedConfig, results: Path) -> Work:
 def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] | None, stage: str) -> Work:
     """The work of a config with this stage. Raises UserError for a config without it, and for suites."""
     from strainsight.config.load import kind_of
-    from strainsight.errors import UserError
 
     if kind_of(path) == "suite":
         other = f"use strainsight {stage} with the config of one of its runs, or: strainsight run {path}"

@@ -13,7 +13,7 @@ from contextlib import contextmanager, redirect_stdout
 from enum import IntEnum
 from typing import IO, TYPE_CHECKING, Any
 
-from strainsight.errors import printable
+from strainsight.errors import UserError, printable
 
 _rows = 0
 
@@ -75,8 +75,6 @@ def level_of(quiet: bool, verbose: bool, named: str | None) -> Level:
     """Level of -q, -v and --log-level, which exclude each other. Raises UserError for several."""
     options = [option for option, is_there in (("-q", quiet), ("-v", verbose), ("--log-level", named)) if is_there]
     if len(options) > 1:
-        from strainsight.errors import UserError
-
         raise UserError(
             f"{' and '.join(options)} exclude each other",
             remedy="use one of them: -q is --log-level error, -v is --log-level debug",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from strainsight.errors import UserError, did_you_mean, printable
 from strainsight_cli import pipelines, render
 from strainsight_cli.failures import reported
 from strainsight_cli.options import DEFAULT_RESULTS, Results, Verbose
@@ -45,7 +46,6 @@ def folder_of(run: str, results: Path) -> Path:
 
 def finished_stages(folder: Path) -> list[Artefact]:
     """Artefacts of a results folder, in the order of the stages. Raises UserError without any."""
-    from strainsight.errors import UserError
     from strainsight.runner.artefact import Artefact
 
     paths = [folder / f"{name}.h5" for name in (*pipelines.STAGES, "suite")]
@@ -62,8 +62,6 @@ def finished_stages(folder: Path) -> list[Artefact]:
 
 def tables_named(artefacts: Sequence[Artefact], name: str) -> list[Table]:
     """Tables with this name, or with the only name that begins so. Raises UserError for none and for several names."""
-    from strainsight.errors import UserError, did_you_mean
-
     tables = [(artefact, table) for artefact in artefacts for table in artefact.tables]
     names = list(dict.fromkeys(table.name for _, table in tables))
     matching = [each for each in names if each.lower().startswith(name.lower())]
@@ -83,8 +81,6 @@ def tables_named(artefacts: Sequence[Artefact], name: str) -> list[Table]:
 
 def _list(artefacts: Sequence[Artefact]) -> None:
     from rich.text import Text
-
-    from strainsight.errors import printable
 
     rows = [
         (artefact.header.stage, table.name, str(len(table.rows))) for artefact in artefacts for table in artefact.tables

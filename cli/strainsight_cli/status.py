@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 from strainsight.errors import printable
+from strainsight.text import listed
 from strainsight_cli import render
 from strainsight_cli.clock import seconds_for, spelt
 from strainsight_cli.printing import say
@@ -81,7 +82,6 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
     pending: stages that will run; imported: import.h5, or None if it is not up to date, so that only the size of the deck is
     known."""
     from strainsight.memory import available_memory
-    from strainsight.text import listed
 
     costs = costs_of(work, pending, imported)
     if costs is None:

@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from strainsight import processes
-from strainsight.errors import ConfigError, did_you_mean
+from strainsight.errors import ConfigError, StrainsightError, did_you_mean
 from strainsight.processes import end_with_parent
+from strainsight.runner.output import Table
+from strainsight.runner.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, WILL_RUN, Job, files_of, inputs_of, plan
 from strainsight.runner.sweep_location import Where
 from strainsight_cli import pipelines, printing, render
 from strainsight_cli.bar import progress_bar
@@ -42,7 +44,6 @@ if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
     from strainsight.config.suite_runs import PlannedRun
     from strainsight.runner.artefact import Artefact
-    from strainsight.runner.output import Table
     from strainsight.runner.stage import Stage
 
 Computed = tuple[str, str, float | None]
@@ -54,8 +55,6 @@ def timing_table(runs: Sequence[str], artefacts_of: Sequence[Sequence[Artefact]]
 
     For results of previous commands, the first run with an artefact counts as its origin. page: artefact of the suite, in a
     separate row."""
-    from strainsight.runner.output import Table
-
     entries = [(i, artefact) for i, artefacts in enumerate(artefacts_of) for artefact in artefacts]
     stages = list(dict.fromkeys(artefact.header.stage for _, artefact in entries))
     maker: dict[Computed, int] = {}
@@ -103,7 +102,6 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
     """The runs of a suite in order, and the suite itself last; where: location of the sweeps of a run. Raises ConfigError for
     every fault in any of them."""
     from strainsight.config.suite_runs import all_of, runs_of
-    from strainsight.runner.plan import Job
     from strainsight.stages.pages.suite_entries import suite_config
     from strainsight.stages.suite import SUITE
 
@@ -121,19 +119,8 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
     return [*works, page]
 
 
-def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple[int, Where]:
-    """Number of parallel runs, and location of their sweeps: `--jobs` sets the runs; otherwise the suite does, and the runs share
-    the cores."""
-    from strainsight.parallel import cores
-
-    at_once = jobs or int(suite.data["jobs"])
-    return at_once, Where(1 if jobs else max(1, cores() // at_once), dask)
-
-
 def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
     """Raise ConfigError if a file that a run needs from another run is not written, or written later."""
-    from strainsight.runner.plan import files_of
-
     files = {key: path for stage in works[i].stages for key, path in files_of(stage, works[i].job).items()}
     for key, j in makers(works[i], works).items():
         path, stage = files[key], files[key].stem
@@ -185,8 +172,6 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
 
 def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool = False) -> None:
     """Stages that would run, with reasons, run by run; the page follows if any run changes."""
-    from strainsight.runner.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, WILL_RUN, plan
-
     pending = []
     for work in works[:-1]:
         statuses = plan(work.stages, work.job, work.forced(force))
@@ -270,8 +255,6 @@ def _heading(work: Work) -> str:
 
 def _look_for_inputs(works: Sequence[Work]) -> None:
     """Check that the input files of all runs exist before the first one starts, except files that they exchange."""
-    from strainsight.runner.plan import inputs_of
-
     for work in works:
         coming = makers(work, works)
         for stage in work.stages:
@@ -315,7 +298,10 @@ def side_by_side(
                 try:
                     result = future.result()
                 except BrokenProcessPool:
-                    raise _killed([works[place] for _, place in sorted(running.items(), key=lambda r: r[1])]) from None
+                    raise StrainsightError(
+                        "a process was killed, probably for lack of memory; compute one run at a time with --set jobs=1",
+                        where=", ".join(works[place].label for place in sorted(running.values())),
+                    ) from None
                 ended.add(running.pop(future))
                 if result.failure is not None:
                     pending.clear()
@@ -352,15 +338,6 @@ def _pass_on(moves: Any, progress: Progress) -> None:
             warn(str(text))
         else:
             progress(*text)
-
-
-def _killed(works: Sequence[Work]) -> Exception:
-    from strainsight.errors import StrainsightError
-
-    return StrainsightError(
-        "a process was killed, probably for lack of memory; compute one run at a time with --set jobs=1",
-        where=", ".join(work.label for work in works),
-    )
 
 
 _moves: Any = None

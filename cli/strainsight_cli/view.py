@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from strainsight.errors import UserError
+from strainsight.writing import write_file
 from strainsight_cli import pipelines
 from strainsight_cli.failures import reported
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
@@ -60,7 +62,6 @@ def view(
         shown, read = view_of(model, names, folder, str(config), what, at, body, of, record)
         say_stale(loaded, results, read, "view")
         from strainsight.pages.view import viewing
-        from strainsight.writing import write_file
 
         if screenshot is None:
             viewing.window(shown)
@@ -71,8 +72,6 @@ def view(
 
 def _refuse_name(screenshot: Path | None) -> None:
     """Check the path of the picture before the rendering."""
-    from strainsight.errors import UserError
-
     if screenshot is None:
         return
     if screenshot.suffix.lower() != ".png":
@@ -87,7 +86,6 @@ def viewable(loaded: LoadedConfig, config: Path) -> PlacementConfig | BenchConfi
     """The config of a placement or a bench. Raises UserError for others."""
     from strainsight.config.bench.bench import BenchConfig
     from strainsight.config.placement import PlacementConfig
-    from strainsight.errors import UserError
 
     model = loaded.model
     if isinstance(model, PlacementConfig | BenchConfig):

@@ -8,9 +8,10 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from strainsight.errors import ConfigError, StrainsightError, UserError
 from strainsight.runner.sweep_location import Where, opened
 from strainsight_cli import render
-from strainsight_cli.clock import RemainingTime, after, ends_at, seconds_of
+from strainsight_cli.clock import RemainingTime, after, ends_at, seconds_for
 from strainsight_cli.failures import same_text, warn
 from strainsight_cli.printing import Level, say, shown
 from strainsight_cli.runlog import peak, run_log
@@ -58,8 +59,6 @@ def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
 
 def refuse_foreign_folder(work: Work) -> None:
     """Raise ConfigError if a suite would write its page into the folder of a run, or a run into that of a suite."""
-    from strainsight.errors import ConfigError
-
     this, foreign, its = ("suite", "run", "import") if work.stages[0].name == "suite" else ("run", "suite", "suite")
     if (work.job.folder / f"{its}.h5").exists():
         raise ConfigError(
@@ -96,7 +95,6 @@ def bring_up_to_date(
 ) -> list[Artefact]:
     """Run the stages that are not up to date, one line per stage; returns the artefacts of all stages."""
     look_at_folder(work, note)
-    from strainsight.errors import StrainsightError
     from strainsight.memory import available_memory
     from strainsight.runner.plan import WILL_RUN, plan
     from strainsight.runner.runner import DONE, RUNNING, Event
@@ -105,7 +103,8 @@ def bring_up_to_date(
 
     artefacts: list[Artefact] = []
     at_work, started, following, forecast_said = "", time.time(), None, as_json or bool(work.run)
-    last = seconds_of(work.stages, work.job)
+    files = {stage.name: work.job.folder / f"{stage.name}.h5" for stage in work.stages}
+    last = {name: seconds for name, path in files.items() if (seconds := seconds_for(path)) is not None}
 
     def move(stage: str, activity: str, share: float) -> None:
         left = RemainingTime(ends_at(started, time.time(), share, last.get(stage)), following)
@@ -193,7 +192,6 @@ def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
 
 def refuse_warned(work: Work) -> None:
     """Raise UserError if the config or the import of a run has warnings, with the first three."""
-    from strainsight.errors import UserError
     from strainsight.runner.artefact import Artefact
 
     imported = Artefact(work.job.folder / "import.h5")

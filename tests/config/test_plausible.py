@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from strainsight.config.base import Marker, Plausible, PlausibleBy, Unbounded, implausible, mark_of
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import BearingConfig
-from strainsight.config.estimate import DamageSettings, MeanStressSection, SNCurve
+from strainsight.config.damage import DamageSettings, MeanStressSection, SNCurve
 from strainsight.config.keys import Override
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig

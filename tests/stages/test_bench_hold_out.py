@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.experiment.bench.inverse import consistency
+from strainsight.experiment.bench.inverse.estimation import BenchEstimation
 from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -140,7 +140,7 @@ def test_a_suite_with_such_a_record_ends_with_3_too(record):
 
 def test_what_leaves_its_range_does_not_hide_that_the_record_disagrees_with_the_model(record, tmp_path, monkeypatch):
     beyond = "E was estimated as 2 Pa, but the stage `reduce` built the reduced model for values from 0 to 1"
-    monkeypatch.setattr(consistency, "bench_out_of_range", lambda *_: {"E": beyond})
+    monkeypatch.setattr(BenchEstimation, "outside_range", {"E": beyond})
     sensors = json.dumps(SENSORS | {"tip": {"noise": 1e-6, "bias": 1e-6}})
     changes = (f"estimate.sensors={sensors}", f"estimate.measured={json.dumps(MEASURED)}", EACH)
     words = ["estimate", str(project(RIG, csv(scaled(record)))), "--results", str(tmp_path), *(f"--set={own}" for own in changes)]

@@ -7,7 +7,7 @@ import pytest
 import rainflow
 
 from strainsight import api
-from strainsight.config.estimate import DamageSettings, SNCurve
+from strainsight.config.damage import DamageSettings, SNCurve
 from strainsight.estimation.grid_filter_smoother import Paths
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.damage import DECISIVE, Places, Recorded, damage_in_test, walking, walks

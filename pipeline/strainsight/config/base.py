@@ -71,13 +71,13 @@ def shown_key(key: str) -> str:
     return re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", key)
 
 
-def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
+def exactly_one(values: Mapping[str, object]) -> Iterator[Problem]:
     """Yield a problem unless exactly one of the values is set."""
     names = [f"'{name}'" for name, value in values.items() if value is not None]
     if len(names) != 1:
         listed = [f"'{name}'" for name in values]
         what = f"{' and '.join(names)} cannot be combined" if names else f"none of {', '.join(listed)} is set"
-        yield Problem(key, what, f"set exactly one of {', '.join(listed)}", at_key=True)
+        yield Problem("", what, f"set exactly one of {', '.join(listed)}", at_key=True)
 
 
 def step_problems(key: str, duration: float, step: float, fewest: int, most: int, other: str = "") -> Iterator[Problem]:
@@ -119,11 +119,11 @@ def duplicate_name_problems(key: str, names: Sequence[str]) -> Iterator[Problem]
             yield Problem(f"{key}.{i}", f"'{name}' appears twice", "remove one of the two entries")
 
 
-def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
+def box_problem(box: tuple[Vector, Vector]) -> Iterator[Problem]:
     """Yield a problem unless the first corner is the lower one."""
     if any(low >= high for low, high in zip(*box, strict=True)):
         what = "each coordinate of the first corner of the box has to be smaller than that of the second corner"
-        yield Problem(key, what, "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]")
+        yield Problem("box", what, "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]")
 
 
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
@@ -198,7 +198,6 @@ Marker = Plausible | PlausibleBy | Unbounded
 
 PRICE = Unbounded("any currency")
 READING = Unbounded("any unit")
-COMPARED = Unbounded("any unit")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
@@ -357,11 +356,8 @@ class AxesSection(Section):
         x, y = self.x, self.y
         along = sum(a * b for a, b in zip(x, y, strict=True))
         if any(x) and any(y) and along**2 >= (1 - PARALLEL) * sum(a * a for a in x) * sum(b * b for b in y):
-            yield Problem(
-                "y",
-                f"{list(y)} is parallel to the x axis, {list(x)}",
-                "use a vector in the x-y plane that is not parallel to `x`",
-            )
+            what = f"{list(y)} is parallel to the x axis, {list(x)}"
+            yield Problem("y", what, "use a vector in the x-y plane that is not parallel to `x`")
 
 
 def expert(*default: Any, **settings: Any) -> Any:
@@ -399,7 +395,5 @@ def name_problems(config: BaseModel) -> Iterator[Problem]:
     for name in marked(config, Names):
         mark = name.mark
         entries = getattr(config, mark.section)
-        known_names = [
-            entry_name for entry_name, entry in entries.items() if mark.type is None or entry.type == mark.type
-        ]
-        yield from known(name.field, str(name.value), [*known_names, *mark.besides], mark.what)
+        names = [key for key, entry in entries.items() if mark.type is None or entry.type == mark.type]
+        yield from known(name.field, str(name.value), [*names, *mark.besides], mark.what)

@@ -6,7 +6,13 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from strainsight.config.base import Problem, duplicate_name_problems, known, one_of, section_problems, step_problems
-from strainsight.config.checks_model import gauge_problems, load_problems, model_problems
+from strainsight.config.checks_model import (
+    damping_problems,
+    gauge_problems,
+    model_problems,
+    result_problems,
+    static_problems,
+)
 from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
 from strainsight.config.loads import (
@@ -314,7 +320,9 @@ def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
 
 CHECKS: dict[Callable[[PlacementConfig], Iterator[Problem]], str] = {
     model_problems: "",
-    load_problems: "loads damping train place",
+    static_problems: "loads damping train place",
+    damping_problems: "loads damping train place",
+    result_problems: "loads damping train place",
     gauge_problems: "gauges place",
     _training_time: "loads train",
     _validation_time: "loads train validate",

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from strainsight.config.base import Problem, known
 from strainsight.config.gauge_types import type_problems
 from strainsight.config.gauges import AbsoluteNoise, BondedBridge
-from strainsight.config.imported import ResultsSection
+from strainsight.config.imported import ResponseOfLoad, ResultsSection
 from strainsight.config.parameters import GuessFrom, RayleighDamping
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
@@ -80,12 +80,7 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
             what = "mesh.results already contains the stiffness of all springs"
             remedy = "remove `stiffness`, and include the spring in the model that produced mesh.results"
             yield Problem(f"mesh.supports.{i}.stiffness", what, remedy, at_key=True)
-    for name, entry in results.loads.items():
-        key = f"mesh.results.loads.{name}"
-        yield from known(key, name, config.loads, "load", at_key=True)
-        if entry.magnitude == 0:
-            what = "the load magnitude is zero"
-            yield Problem(f"{key}.magnitude", what, OF_STEP)
+    yield from _responses("mesh.results.loads", results.loads, config)
     for name in results.at:
         yield from known(f"mesh.results.at.{name}", name, config.parameters, "parameter", at_key=True)
     yield from _second_results(config, results)
@@ -127,10 +122,15 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
                 remedy = "list every load in mesh.results.second.loads, with the results at the second parameter value as `file`"
                 yield Problem(f"{key}.loads", what, remedy, at_key=True)
         return
-    for name, load in second.loads.items():
-        yield from known(f"{key}.loads.{name}", name, config.loads, "load", at_key=True)
+    yield from _responses(f"{key}.loads", second.loads, config)
+
+
+def _responses(key: str, loads: Mapping[str, ResponseOfLoad], config: PlacementConfig) -> Iterator[Problem]:
+    """Check the names and magnitudes of the loads of imported responses, which are below this key."""
+    for name, load in loads.items():
+        yield from known(f"{key}.{name}", name, config.loads, "load", at_key=True)
         if load.magnitude == 0:
-            yield Problem(f"{key}.loads.{name}.magnitude", "the load magnitude is zero", OF_STEP)
+            yield Problem(f"{key}.{name}.magnitude", "the load magnitude is zero", OF_STEP)
 
 
 MODULI = ("youngs_modulus", "e1", "e2", "g12", "g1z", "g2z")
@@ -149,14 +149,7 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem(f"parameters.{name}.guess.from", what, "set `from` to another run, or `guess` to a number")
 
 
-def load_problems(config: PlacementConfig) -> Iterator[Problem]:
-    """Yield the inconsistencies between the model, its loads, its damping and the training simulation."""
-    yield from _static(config)
-    yield from damping_problems(config)
-    yield from result_problems(config)
-
-
-def _static(config: PlacementConfig) -> Iterator[Problem]:
+def static_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Check for parameters and sensors that need inertia, with train.model: static."""
     if config.train.model != "static":
         return
@@ -286,15 +279,6 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _count(config)
 
 
-def channels_of_a_gauge(config: PlacementConfig) -> int:
-    """Largest number of signals of one gauge: of a rosette, or of a triaxial accelerometer."""
-    direction = config.gauges.direction
-    counts = [len(sensors.axes) for sensors in config.motion_sensors.values()]
-    counts += [len(bonded.angles) for bonded in config.gauges.fixed if not isinstance(bonded, BondedBridge)]
-    counts += [LARGEST_ROSETTE] * (config.gauges.fixed_file is not None)  # nobody has read it yet
-    return max([len(direction.angles) if direction is not None and config.gauges.rosette else 1, *counts])
-
-
 def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
     """Check for keys that need a mesh surface, if candidates are rows of the strain operator."""
     gauges = config.gauges
@@ -363,7 +347,13 @@ def _mirrored(config: PlacementConfig) -> Iterator[Problem]:
 
 def _count(config: PlacementConfig) -> Iterator[Problem]:
     keep, names = config.place.keep, tuple(dict.fromkeys(config.place.estimate))
-    signals = keep * channels_of_a_gauge(config)
+    direction, rosette = config.gauges.direction, config.gauges.rosette
+    # signals of one gauge: of a rosette, or of a triaxial accelerometer
+    counts = [len(direction.angles) if direction is not None and rosette else 1]
+    counts += [len(sensors.axes) for sensors in config.motion_sensors.values()]
+    counts += [len(bonded.angles) for bonded in config.gauges.fixed if not isinstance(bonded, BondedBridge)]
+    counts += [LARGEST_ROSETTE] * (config.gauges.fixed_file is not None)  # nobody has read it yet
+    signals = keep * max(counts)
     if signals < len(names):
         yield Problem(
             "place.keep",

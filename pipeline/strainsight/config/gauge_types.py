@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, ValidationError
 
@@ -21,8 +21,9 @@ from strainsight.config.base import (
 )
 from strainsight.errors import did_you_mean
 
-TypeName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_/-]*$", max_length=40)]
-"""Name of a user-defined gauge type: letters, digits, _, - and /, as in 3/350."""
+if TYPE_CHECKING:
+    from strainsight.config.gauges import Gauges
+
 LEADS = 1.0
 """[Ω] Assumed lead wire resistance without compensation: a few metres of thin wire."""
 
@@ -104,17 +105,7 @@ with solder tabs, 0.3 mm for the grid alone.
 """
 
 
-class Typed(Protocol):
-    """Keys of the section `gauges` that define the gauge type."""
-
-    @property
-    def type(self) -> str | None: ...
-
-    @property
-    def types(self) -> Mapping[str, GaugeType]: ...
-
-
-def gauge_type(gauges: Typed) -> GaugeType | None:
+def gauge_type(gauges: Gauges) -> GaugeType | None:
     """Gauge type of a config; user-defined types first. None if the config has no type."""
     return None if gauges.type is None else {**CATALOGUE, **gauges.types}[gauges.type]
 
@@ -129,7 +120,7 @@ def type_gain(kind: GaugeType) -> float:
     return float(round((kind.gauge_factor_tolerance**2 + (LEADS / kind.resistance) ** 2) ** 0.5, 6))
 
 
-def type_problems(gauges: Typed, required: int) -> Iterator[Problem]:
+def type_problems(gauges: Gauges, required: int) -> Iterator[Problem]:
     """Yield a problem if the type is unknown, or if its number of grids differs from the required number."""
     if gauges.type is None:
         return

@@ -25,16 +25,14 @@ from strainsight.config.base import (
     Text,
     expert,
 )
-from strainsight.config.gauge_types import GaugeType, TypeName
+from strainsight.config.gauge_types import GaugeType
 from strainsight.config.layout import Zone, key_of
-
-Angles = Annotated[tuple[float, ...], Field(min_length=1), ANGLE]
 
 
 class Angled(Section):
     """Several measuring directions, as angles from one direction."""
 
-    angles: Angles = Field(
+    angles: Annotated[tuple[float, ...], Field(min_length=1), ANGLE] = Field(
         (0.0,),
         description="Angles from the measuring direction, counter-clockwise about the outward normal [deg]; the direction is "
         "first projected onto the surface. For a candidate, each angle is a separate gauge, or with gauges.rosette a measuring "
@@ -250,7 +248,7 @@ class Gauges(GaugeSites, Accessible, Noisy):
         "clearance, range, screen.minimum_spacing, place.minimum_spacing and tolerances.gain. Surfaces with a radius of "
         "curvature below the bend radius of the type are excluded. Null: no type.",
     )
-    types: dict[TypeName, GaugeType] = Field(
+    types: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_/-]*$", max_length=40)], GaugeType] = Field(
         {}, description="User-defined gauge types, by name; the name is a value of `type`."
     )
     fixed: tuple[NamedGaugeOrBridge, ...] = Field(

@@ -143,7 +143,6 @@ TYPES = {
 YES, NO = {"yes", "y", "on"}, {"no", "n", "off"}
 """Words that YAML 1.1 read as true and false."""
 UNKNOWN, MISSING, NO_VALUE = "unknown key", "missing", "no value"
-NAME_FORM = "use letters, digits, - and _ only, with a letter first"
 BOUNDS = {
     "greater_than": ("gt", "above"),
     "greater_than_equal": ("ge", "at least"),
@@ -202,7 +201,8 @@ def _problem(
         case "missing":
             return Problem(key, MISSING, _description(model, path, data), True)
         case "string_pattern_mismatch" if first["loc"][-1] == "[key]" or path[-1] in ("name", "suffix"):
-            return Problem(key, f"{_shown(first['input'])} is not a valid name", NAME_FORM, True)
+            remedy = "use letters, digits, - and _ only, with a letter first"
+            return Problem(key, f"{_shown(first['input'])} is not a valid name", remedy, True)
         case "union_tag_not_found":
             known = _tags(first["ctx"]) or [
                 tag for member in sections_at(model, path, data) for tag in types_of(member)

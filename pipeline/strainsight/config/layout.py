@@ -57,7 +57,7 @@ class BoxZone(Section):
     box: tuple[Point, Point] = Field(description="Lower and upper corner of the box [[x, y, z], [x, y, z]] [m].")
 
     def problems(self) -> Iterator[Problem]:
-        yield from box_problem("box", self.box)
+        yield from box_problem(self.box)
 
 
 class CylinderZone(Section):

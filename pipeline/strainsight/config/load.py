@@ -105,7 +105,9 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = (), stag
             wrong = [explain_suite_key(problem, put_over) for problem in wrong]
         elif isinstance(data.get("kind"), str) and data["kind"] in KINDS:
             wrong = [explained(problem, created, model_and_check(data["kind"])[0], data) for problem in wrong]
-        raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in wrong])
+        first, *others = [_error_at(_locate(key_places if p.at_key else places, p.key), p) for p in wrong]
+        first.others = tuple(others)
+        raise first
     return LoadedConfig(path, model, put_over, places)
 
 
@@ -279,10 +281,3 @@ def _locate(places: Mapping[str, str], key: str) -> str:
 
 def _error_at(where: str, problem: Problem | YamlProblem) -> ConfigError:
     return ConfigError(problem.what, where=where, key=shown_key(problem.key) or None, remedy=problem.remedy or None)
-
-
-def _error(wrong: Sequence[tuple[str, Problem]]) -> ConfigError:
-    """The first problem, with the others attached."""
-    errors = [_error_at(where, problem) for where, problem in wrong]
-    errors[0].others = tuple(errors[1:])
-    return errors[0]

@@ -213,7 +213,7 @@ class LoadSection(Section):
         if self.gravity is not None or self.rotation is not None:
             yield from self._on_all_mass(places)
         else:
-            yield from exactly_one("", places)
+            yield from exactly_one(places)
             yield from self._in_one_place()
         if not self.known:
             yield from _untypical("process_noise.frequency", self.signal, self.process_noise.frequency)

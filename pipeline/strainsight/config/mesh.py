@@ -31,11 +31,10 @@ from strainsight.config.base import (
 )
 from strainsight.config.imported import Matrices, ResultsSection
 
-Component = Literal[1, 2, 3, 4, 5, 6]
-Components = Annotated[tuple[Component, ...], Field(min_length=1, max_length=6)]
+Components = Annotated[tuple[Literal[1, 2, 3, 4, 5, 6], ...], Field(min_length=1, max_length=6)]
 RegionKey = Id | Text
 NodeId = Annotated[Id, Field(ge=1)]
-SetId = NodeId
+Moduli = tuple[Positive, Positive, Positive]
 
 
 class MaterialAxes(AxesSection):
@@ -47,9 +46,6 @@ class MaterialAxes(AxesSection):
         "With `cylindrical`: 1 radial, 2 tangential, 3 axial along z. With `spherical`: 1 radial, 2 polar (away from z), 3 "
         "azimuthal (around z). Cylindrical and spherical axes are evaluated at each integration point.",
     )
-
-
-Moduli = tuple[Positive, Positive, Positive]
 
 
 class RegionProperty(Section):
@@ -138,23 +134,15 @@ class ElementSection(RegionProperty):
 
     def problems(self) -> Iterator[Problem]:
         """Check that the section is that of shells, or of beams or rods."""
-        yield from exactly_one("", {"thickness": self.thickness, "area": self.area})
+        yield from exactly_one({"thickness": self.thickness, "area": self.area})
         of_beams = [n for n in ("second_moments", "torsion", "direction", "size") if getattr(self, n) is not None]
         if self.area is None:
             for name in of_beams:
-                yield Problem(
-                    name,
-                    f"`{name}` applies to beams only, but this section has a thickness",
-                    f"remove `{name}`",
-                    at_key=True,
-                )
+                what = f"`{name}` applies to beams only, but this section has a thickness"
+                yield Problem(name, what, f"remove `{name}`", at_key=True)
         elif self.offset:
-            yield Problem(
-                "offset",
-                "`offset` applies to shells only, but this section has an area",
-                "remove `offset`",
-                at_key=True,
-            )
+            what = "`offset` applies to shells only, but this section has an area"
+            yield Problem("offset", what, "remove `offset`", at_key=True)
         elif self.second_moments is None:
             for name in (name for name in ("direction", "size") if name in of_beams):
                 what = f"`{name}` applies to beams only, but this section has no second_moments and is a rod"
@@ -190,14 +178,15 @@ class Support(Section):
     )
 
     def problems(self) -> Iterator[Problem]:
-        yield from exactly_one("", {"node": self.node, "set": self.set})
+        yield from exactly_one({"node": self.node, "set": self.set})
         if self.stiffness is None:
             return
         values = self.stiffness if isinstance(self.stiffness, tuple) else (self.stiffness,)
         if min(values) < 0 or max(values) == 0:
             what = "the stiffness is not positive"
-            remedy = "use a positive stiffness in N/m, or remove `stiffness` for a fixed support"
-            yield Problem("stiffness", what, remedy)
+            yield Problem(
+                "stiffness", what, "use a positive stiffness in N/m, or remove `stiffness` for a fixed support"
+            )
         if len(values) > 1 and self.components != (1, 2, 3):
             what = "three stiffness values apply along x, y and z, so `components` is not permitted"
             yield Problem("components", what, "remove `components`, or set one stiffness value", at_key=True)
@@ -219,7 +208,7 @@ class PointMassSection(Section):
     )
 
     def problems(self) -> Iterator[Problem]:
-        yield from exactly_one("", {"node": self.node, "set": self.set})
+        yield from exactly_one({"node": self.node, "set": self.set})
 
 
 class Face(Section):
@@ -250,7 +239,7 @@ class Face(Section):
                 "", "no key selects the facets of this face", "set `near`, `normal`, `box` or `radius`", at_key=True
             )
         if self.box is not None:
-            yield from box_problem("box", self.box)
+            yield from box_problem(self.box)
 
 
 class Tie(Section):
@@ -333,12 +322,12 @@ class MeshFile(Section):
         "scaled to the mass of each element; use `lumped` to compare frequencies with programs that use lumped masses. "
         "Null: `lumped` if a Nastran deck of solids requests lumped masses (PARAM,COUPMASS,-1), otherwise `consistent`.",
     )
-    spc: SetId | None = expert(
+    spc: NodeId | None = expert(
         None,
         description="Id of the active support set (SPC, SPC1, SPCADD) of a Nastran deck; null: the support set selected "
         "in the case control section.",
     )
-    step: SetId | None = expert(
+    step: NodeId | None = expert(
         None,
         description="Number, from 1, of the step of an Abaqus or CalculiX deck with the active supports (*BOUNDARY) and "
         "elements (*MODEL CHANGE). Null: the frequency step (*FREQUENCY); without a frequency step, all steps "

@@ -35,8 +35,6 @@ from strainsight.config.mesh import MeshFile
 from strainsight.config.parameters import DAMPING_TEXT, Damping, MaterialParameter
 from strainsight.config.tolerances import StatedTolerances, Studies, Tolerances, Validate
 
-KeepAll = Literal["all"]
-
 
 class ReducedModelSection(Section):
     """Reduced model that depends on the parameters."""
@@ -81,7 +79,7 @@ class Train(TimeSpan):
 class Screen(Section):
     """Selection of the candidates for the backward elimination in the stage `place`."""
 
-    keep: Annotated[Annotated[int, Field(ge=1)] | KeepAll, Plausible(1, 1e6)] = Field(
+    keep: Annotated[Annotated[int, Field(ge=1)] | Literal["all"], Plausible(1, 1e6)] = Field(
         "all",
         description="Number of candidates of each sensor kind that are selected for the backward elimination in the stage "
         "`place` [-], or 'all'.",
@@ -227,9 +225,6 @@ class Filter(Section):
     )
 
 
-Export = Literal["nastran", "abaqus", "catman", "labview", "mat"]
-
-
 class Datum(AxesSection):
     """Datum (coordinate system) of the workshop dimensions, in deck coordinates."""
 
@@ -246,7 +241,7 @@ class Report(Section):
         "Datum of the gauge positions on the results page, in the drawings, in workshop.csv and in workshop.unv; its values "
         "are in the length unit of the deck.",
     )
-    exports: tuple[Export, ...] = expert(
+    exports: tuple[Literal["nastran", "abaqus", "catman", "labview", "mat"], ...] = expert(
         (),
         description="Export files. With `nastran`: SET cards of the elements below the gauges (gauges-nastran.inc). With "
         "`abaqus`: *ELSET of the same elements (gauges-abaqus.inp). With `catman` and `labview`: channel tables for manual "

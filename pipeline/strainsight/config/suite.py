@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
-from strainsight.config.base import COMPARED, DOTTED, Problem, RunName, Section, Text, expert, section_problems
+from strainsight.config.base import DOTTED, READING, Problem, RunName, Section, Text, expert, section_problems
 
 Texts = Annotated[tuple[Text, ...], Field(min_length=1)]
 
@@ -26,7 +26,7 @@ class Measure(Section):
     stage: Text | None = Field(
         None, description="Stage that computes the result; null: `estimate` for a bench, `validate` for a placement."
     )
-    times: Annotated[float, COMPARED] = Field(
+    times: Annotated[float, READING] = Field(
         1.0, description="Factor by which the result is multiplied before the comparison with the limits [-]."
     )
     against: Text | None = Field(
@@ -35,8 +35,8 @@ class Measure(Section):
     against_number: Text | None = Field(
         None, description="Name of the result of the reference run; null: the name in `number`."
     )
-    above: Annotated[float | None, COMPARED] = Field(None, description="Lower limit of the result.")
-    below: Annotated[float | None, COMPARED] = Field(None, description="Upper limit of the result.")
+    above: Annotated[float | None, READING] = Field(None, description="Lower limit of the result.")
+    below: Annotated[float | None, READING] = Field(None, description="Upper limit of the result.")
     equals: bool | None = Field(None, description="Required value of a result that is true or false.")
     unit: str = Field(
         "", description="Unit or text after the result on the page of the suite, such as `N` or `of the weight`."

@@ -103,6 +103,10 @@ CONE = """\
     - normal_cone: {{axis: {axis}, angle: 10}}           # on facets normal to the axis, the direction is undefined
 """
 TRUTH = "    parameters: {{{name}: {truth}}}      # ← {unit}assumed true value, which the filter has to estimate\n"
+ALONG = "  direction: {{type: axis, axis: {axis}, angles: [0]}}   # ← axis is projected onto the facet; angles [deg]"
+PRINCIPAL = (
+    "  direction: {type: principal, angles: [0]}   # ← principal strain; or {type: axis, axis: [1, 0, 0], angles: [0]}"
+)
 TYPE = "  type: {name:<25} # ← grid [mm] / resistance [Ω]; sets grid, clearance, spacing, range. Other types: key `types`\n"
 NO_TYPE = "  # type: 3/350                 # no carrier of the catalogue fits the faces of this part; other types: key `types`\n"
 OPEN_TYPE = "  # type: 3/350                 # ← grid [mm] / resistance [Ω]; sets grid, clearance, spacing, range\n"
@@ -135,6 +139,9 @@ def template(
     keep = answers.keep or max(4, len(unknowns) + 1)
     train = training(loads, first)
     settled = modulus and "model: dynamic" in train
+    # undecided for a deck without surface or with implausible units
+    known = not suggestion.no_surface and suggestion.length_unit and not suggestion.thin
+    kind = TYPE.format(name=suggestion.gauge_type) if suggestion.gauge_type else NO_TYPE if known else OPEN_TYPE
     return TEMPLATE.format(
         deck=escaped(deck),
         name=name,
@@ -145,8 +152,8 @@ def template(
         parameters=_parameters(suggestion, E) if modulus else "parameters: {}\n",
         loads="".join(f"{line}\n" for load in loads for line in load_lines(load, suggestion, modulus)),
         training=train,
-        direction=_direction(answers.axis),
-        type=_type(suggestion),
+        direction=ALONG.format(axis=answers.axis) if answers.axis else PRINCIPAL,
+        type=kind,
         spacing=SPACING if suggestion.gauge_type else OWN_SPACING.format(spacing=0.009),
         exclude=_exclude(suggestion, answers),
         unknowns=f"[{', '.join(unknowns)}]",
@@ -195,13 +202,6 @@ def _exclude(suggestion: Suggestion, answers: Answers) -> str:
     if not lines:
         return cone or EXCLUDE
     return f"{cone}{lines}" if cone else ON_SEATS.format(lines=lines)
-
-
-def _type(suggestion: Suggestion) -> str:
-    """Suitable gauge type; undecided for a deck without surface or with implausible units."""
-    if suggestion.gauge_type:
-        return TYPE.format(name=suggestion.gauge_type)
-    return NO_TYPE if not suggestion.no_surface and suggestion.length_unit and not suggestion.thin else OPEN_TYPE
 
 
 def run_name(deck: str) -> str:
@@ -293,12 +293,6 @@ def _parameters(suggestion: Suggestion, E: float | None) -> str:
         return FACTOR.format(region=region)
     low, high = (scientific(0.8 * E), scientific(1.2 * E)) if E else ("", "")
     return PARAMETERS.format(region=region, guess=exact(E), range=f"[{low}, {high}]" if E else "")
-
-
-def _direction(axis: str | None) -> str:
-    if axis:
-        return f"  direction: {{type: axis, axis: {axis}, angles: [0]}}   # ← axis is projected onto the facet; angles [deg]"
-    return "  direction: {type: principal, angles: [0]}   # ← principal strain; or {type: axis, axis: [1, 0, 0], angles: [0]}"
 
 
 AnyConfig = Annotated[PlacementConfig | BenchConfig | BearingConfig | SuiteConfig, Field(discriminator="kind")]

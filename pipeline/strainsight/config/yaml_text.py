@@ -122,14 +122,11 @@ def _mapping(node: Any, path: str, marks: dict[str, Mark]) -> dict[str, Any]:
                 below,
                 f"remove one of the two keys; the first key is at {first} (line:column)",
             )
-        marks[below] = Mark(_at(key_node), _at(value_node), _blank(key_node, value_node))
+        # {0,01} has a key 01 without a colon
+        behind = bool(value_node.start_mark.index > key_node.end_mark.index)
+        marks[below] = Mark(_at(key_node), _at(value_node), value_node.value == "" and not value_node.style and behind)
         mapping[key] = _json(value_node, below, marks)
     return mapping
-
-
-def _blank(key: Any, value: Any) -> bool:
-    """Whether nothing is written behind the colon; {0,01} has a key 01 without a colon."""
-    return value.value == "" and not value.style and bool(value.start_mark.index > key.end_mark.index)
 
 
 def _text(node: Any, path: str) -> str:

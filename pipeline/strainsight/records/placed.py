@@ -309,8 +309,7 @@ class AtGauges:
     over_grid: np.ndarray = dataset(
         "1",
         "gauge",
-        "RMS strain change along the measuring grid, relative to the RMS strain in the stage `train`; NaN: no "
-        "strain gauge",
+        "RMS strain change along the measuring grid, relative to the RMS strain in the stage `train`; NaN: no strain gauge",
     )
     room: np.ndarray = dataset("m", "gauge", "free height above the gauge; inf: larger than the search limit")
     lies_on: tuple[str, ...] = dataset(
@@ -331,16 +330,13 @@ class AtGauges:
 
     def steep_in_words(self, i: int) -> str:
         """Warning of a steep gradient at gauge i, with value and limit; empty below the limits."""
+        kinds = {
+            "over one standard deviation of the gauge position": (self.in_place[i], self.in_place_limit),
+            "along the measuring grid": (self.over_grid[i], self.over_grid_limit),
+        }
         changes = [
-            f"{100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
-            for value, limit, what in (
-                (
-                    self.in_place[i],
-                    self.in_place_limit,
-                    "strain change over one standard deviation of the gauge position",
-                ),
-                (self.over_grid[i], self.over_grid_limit, "strain change along the measuring grid"),
-            )
+            f"{100 * value:.2g} % strain change {what} (limit {100 * limit:.2g} %)"
+            for what, (value, limit) in kinds.items()
             if value > limit
         ]
         return f"steep gradient: {' and '.join(changes)}" if changes else ""

@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from types import EllipsisType, UnionType
 from typing import Any, Literal, Protocol, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
 
@@ -291,11 +292,7 @@ def unit_of(value: Any, field: str, name: str = "") -> str:
 
 def _whole(lazy: Any) -> Any:
     kind = lazy.__dict__["_kind"]
-    return _rebuild, (kind, {name: getattr(lazy, name) for name in _fields(kind)})
-
-
-def _rebuild(kind: Any, values: dict[str, Any]) -> Any:
-    return kind(**values)
+    return partial(kind, **{name: getattr(lazy, name) for name in _fields(kind)}), ()
 
 
 def _load(lazy: Any, name: str) -> Any:

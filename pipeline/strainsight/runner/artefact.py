@@ -49,14 +49,6 @@ def is_sealed(path: Path) -> bool:
         return stream.read(len(MAGIC)) == MAGIC
 
 
-def is_intact(path: Path) -> bool:
-    """Whether the checksum of the file is correct."""
-    with Path(path).open("rb") as stream:
-        block = stream.read(BLOCK)
-        digest = hashlib.file_digest(stream, "sha256").hexdigest()
-    return block == (MAGIC + digest.encode() + b"\n").ljust(BLOCK, b"\0")
-
-
 FORMAT = "strainsight"
 FORMAT_VERSION = 1
 MAPPINGS = ("config", "upstream", "files", "resolved", "side_files", "sizes")
@@ -265,7 +257,10 @@ def _refuse_damaged(path: Path) -> None:
         raise ArtefactError(
             "the file is not a strainsight results file", where=str(path), remedy="use an .h5 file from results/NAME"
         )
-    if not is_intact(path):
+    with path.open("rb") as stream:
+        block = stream.read(BLOCK)
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    if block != (MAGIC + digest.encode() + b"\n").ljust(BLOCK, b"\0"):
         raise damaged(path, "the checksum does not match the content")
 
 

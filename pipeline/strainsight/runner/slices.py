@@ -33,9 +33,9 @@ def declared(model: M, data: Mapping[str, Any]) -> M:
         ("__dict__", declared),
         ("__pydantic_fields_set__", set(declared)),
         ("__pydantic_extra__", None),
+        ("__pydantic_private__", None),
     ):
         object.__setattr__(pruned, name, value)
-    object.__setattr__(pruned, "__pydantic_private__", None)
     return pruned
 
 

@@ -54,9 +54,6 @@ def provenance() -> dict[str, str]:
         text = metadata.distribution("strainsight").read_text("direct_url.json")
         return str(json.loads(text or "{}")["vcs_info"]["commit_id"])
 
-    def blas() -> str:  # as in "scipy-openblas 0.3.30"
-        return "{name} {version}".format(**np.show_config(mode="dicts")["Build Dependencies"]["blas"])
-
     def processor() -> str:
         lines = CPU.read_text(encoding="utf-8", errors="replace").splitlines()
         return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
@@ -68,7 +65,8 @@ def provenance() -> dict[str, str]:
         "numpy": np.__version__,
         "h5py": h5py.__version__,
         **{name: _known(partial(metadata.version, name)) for name in PACKAGES},
-        "blas": _known(blas),
+        # as in "scipy-openblas 0.3.30"
+        "blas": _known(lambda: "{name} {version}".format(**np.show_config("dicts")["Build Dependencies"]["blas"])),
         "processor": _known(processor) or platform.processor() or platform.machine(),
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -36,7 +36,7 @@ from strainsight.records.training import Training
 from strainsight.runner.output import Output, Table, warnings_table
 from strainsight.runner.stage import Context
 from strainsight.sensors.candidates import UNITS
-from strainsight.stages.pages.page import messages, provenance
+from strainsight.stages.pages.page import provenance
 from strainsight.stages.pages.page_layout import layout_of_test
 from strainsight.text import capital
 
@@ -72,6 +72,9 @@ def _findings_of(
     doubts = posterior_doubts(record.posterior if campaign is None else campaign.posterior, units)
     noise = check_innovations(record.whitened)
     result = summarise_record(record.trusted, "apart" in summary)
+    # the most important first
+    warnings = (*up["estimate"].warnings, *hold_out_in_words(record), _hidden(summary), *doubts)
+    warnings += tuple(disagreements_in_words(record.compared))
 
     def history(unknown: str) -> History:
         """A load as smoothed; a parameter as it was filtered, and as smoothed."""
@@ -101,7 +104,7 @@ def _findings_of(
         unknowns=tuple(map(unknown_of, names)),
         innovations=noise.text * noise.consistent if record.trusted else f"the measurements are {result}",
         consistent=record.trusted,
-        warnings=_warnings(record, summary, (*up["estimate"].warnings, *hold_out_in_words(record)), doubts),
+        warnings=tuple(capital(text) for text in warnings if text),
         # in a consistent record the noise is advice, not a warning
         notes=(*record.notes, *(noise.text,) * (record.trusted and not noise.consistent)),
         layout=layout,
@@ -131,7 +134,7 @@ def _findings_of(
         filters=record.compared,
         budget={} if record.budget is None else record.budget.shares,
         moment=_moment(record, layout.points),
-        facts=messages(up, STAGES),
+        facts={stage: up[stage].message for stage in STAGES},
         provenance=provenance(context),
         record=name,
         page=pages.get(name, TEST_PAGE),
@@ -168,19 +171,6 @@ def _hidden(summary: Mapping[str, object]) -> str:
     """Note on unknowns that the channels cannot distinguish, or an empty text."""
     hidden = summary.get("unobservable")
     return f"the channels cannot determine the unknowns {hidden}" if hidden else ""
-
-
-def _warnings(
-    record: Estimated, summary: Mapping[str, object], first: Sequence[str], doubts: list[str]
-) -> tuple[str, ...]:
-    """Warnings, most important first: `first` of the decision and of the record, unobservable unknowns, doubts."""
-    texts = (
-        *first,
-        _hidden(summary),
-        *doubts,
-        *disagreements_in_words(record.compared),
-    )
-    return tuple(capital(text) for text in texts if text)
 
 
 def _moment(record: Estimated, points: np.ndarray) -> SurfaceMoment | None:

@@ -12,18 +12,19 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
 from strainsight.experiment.layout import workshop
-from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
+from strainsight.experiment.layout.gauge_list import channel_labels, frame_of, line_edges
 from strainsight.experiment.structure.surface import SurfaceStrain
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.chart.files import file_name
+from strainsight.pages.picture.geometry import paper_axes
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.picture.scene import draw_or_explain, render
 from strainsight.pages.placement.data import Noise
 from strainsight.pages.placement.figures import placement_figures
 from strainsight.pages.placement.page import placement_page
 from strainsight.pages.sheets.sheet import sheet_svg
-from strainsight.pages.sheets.views import Projection, Sheet, paper_axes
+from strainsight.pages.sheets.views import Projection, Sheet
 from strainsight.pages.space.model import ShownState
 from strainsight.pages.view.viewing import screenshots, untitled
 from strainsight.records.placed import Placed
@@ -45,7 +46,8 @@ from strainsight.stages.view.views import placement_view
 def workshop_of_run(context: Context[PlacementConfig], mesh: Mesh) -> workshop.Workshop:
     """The layout of place.h5 in the axes that the config states."""
     frame = frame_of(context.config.mesh.length_unit, context.config.report.datum)
-    return workshop.workshop_of(listed_gauges(context.upstream), mesh, frame)
+    listed = listed_gauges(context.upstream)
+    return workshop.Workshop(listed, line_edges(listed.grids, mesh), frame)
 
 
 def workshop_files(shop: workshop.Workshop) -> dict[str, bytes]:

@@ -84,7 +84,7 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
         lacking=tuple(_lacking(converted)),
         supports=len(mesh.held) > 0,
-        no_surface="" if converted.has_surface else _no_surface(converted),
+        no_surface="" if converted.has_surface else "{0.what}. {0.remedy}".format(without_surface(converted)),
         places=tuple(_places(converted, facets, faces, by_which)) if units else (),
         support_sets=sets,
         support_key=key,
@@ -102,11 +102,6 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
         face_at=str if facets is None or faces is None else _face_at(converted, facets, faces),
         facts=tuple(_facts(converted)) if units else (),
     )
-
-
-def _no_surface(mesh: Mesh) -> str:
-    error = without_surface(mesh)
-    return f"{error.what}. {error.remedy}"
 
 
 def _facts(mesh: Mesh) -> Iterator[tuple[str, str]]:

@@ -58,11 +58,6 @@ from strainsight.stages.bench.report import run_of
 from strainsight.stages.pages.page import cases_of, history_of, trend_of, unknown_of, warnings_of
 from strainsight.stages.pages.page_layout import layout_of_page
 
-PAGE = "report"
-"""The stage of a run that writes its own page, report.html."""
-OF_SEEDS = "estimate"
-"""The stage that has numbers once a seed."""
-
 
 def suite_of(context: Context[SimpleNamespace]) -> Suite:
     """The page's content, run by run. Raises ConfigError for every number that a claim or a study names and no run has."""
@@ -89,7 +84,7 @@ def suite_of(context: Context[SimpleNamespace]) -> Suite:
 
 def _entry_data(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
     """Data on the page of any run, apart from its artefacts."""
-    page = f"../{entry.name}/report.html" if PAGE in up else None
+    page = f"../{entry.name}/report.html" if "report" in up else None
     return {key: getattr(entry, key) for key in ("name", "label", "note", "study", "group", "at", "reached")} | {
         "page": page
     }
@@ -168,7 +163,7 @@ def _statement(measure: Any, text: str, why: str, runs: Sequence[SuiteRun]) -> S
 
 def _numbers(measure: Any, run: SuiteRun, name: str, key: str) -> np.ndarray:
     """A number of the estimate once a seed, where it has several, else that of the run's summary (1,)."""
-    if measure.stage == OF_SEEDS and name in run.seeds:
+    if measure.stage == "estimate" and name in run.seeds:
         return np.asarray(run.seeds[name], dtype=float)
     return np.array([_number(measure, run, name, key)])
 

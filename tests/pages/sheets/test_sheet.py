@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from lxml import etree
 
+from strainsight.pages.picture.geometry import paper_axes
 from strainsight.pages.sheets.sheet import sheet_svg, sheets_section
-from strainsight.pages.sheets.views import Projection, Sheet, paper_axes
+from strainsight.pages.sheets.views import Projection, Sheet
 from strainsight.positions import PositionAxes
 
 SIZE = np.array([400.0, 150.0, 10.0])

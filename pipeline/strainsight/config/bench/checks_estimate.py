@@ -11,7 +11,6 @@ from strainsight.config.bench.bodies import RADII
 from strainsight.config.bench.connections import Load
 from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter, FromFile
 
-KEYS_OF_OTHER = ("step", "duration", "histories", "within")
 """Keys that apply to truth.model: independent only."""
 CLOCK_SHARE = 1e-6
 """Relative tolerance for equal time steps."""
@@ -25,7 +24,7 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
         remedy = "set estimate.truth.model: fine or independent, or remove estimate.tolerances"
         yield Problem("estimate.tolerances", what, remedy, at_key=True)
     if truth.model != "independent":
-        for name in KEYS_OF_OTHER:
+        for name in ("step", "duration", "histories", "within"):
             if name in truth.model_fields_set and getattr(truth, name) != type(truth).model_fields[name].default:
                 what = f"has no effect with truth.model: {truth.model}"
                 yield Problem(

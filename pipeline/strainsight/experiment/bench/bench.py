@@ -316,7 +316,9 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
     for k, inputs in enumerate(u):
         try:
             q = project_position(bench.system, q, inputs)
-            share = _independence(bench, q, inputs)
+            B = constraints_at(bench.system, q, inputs)[1] / bench.system.metric
+            # smallest singular value of the constraint gradients, normalised in the metric
+            share = float(np.linalg.svd(B / np.linalg.norm(B, axis=1)[:, None], compute_uv=False)[-1])
             first = share if k == 0 else first
             why = "the joints are at a dead centre" if share < LOCKED * first else ""
         except InfeasibleError:
@@ -329,12 +331,6 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
                 remedy="Reduce the driven motion (joints.*.drive.signal), or move the frames of the driven joints.",
             )
     return None
-
-
-def _independence(bench: Bench, q: np.ndarray, u: np.ndarray) -> float:
-    """Smallest singular value of the constraint gradients, normalised in the metric."""
-    B = constraints_at(bench.system, q, u)[1] / bench.system.metric
-    return float(np.linalg.svd(B / np.linalg.norm(B, axis=1)[:, None], compute_uv=False)[-1])
 
 
 def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:

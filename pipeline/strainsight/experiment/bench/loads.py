@@ -13,10 +13,12 @@ from strainsight.errors import ConfigError, blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.recorded import LOADS, signal_at
 from strainsight.loads.histories import FromSamples, evaluate, gap, motion, swing
-from strainsight.multibody.laws import SHORTEST
+from strainsight.multibody.laws import SHORTEST, TurningGravity
 
 LARGEST = 1e50
 """Largest load or displacement [N, N m, m, rad], with a finite fourth power."""
+SPUN = 1.0
+"""Largest driven rotation per step [rad]."""
 SWING = 0.05
 """Largest overshoot of the spline, relative to the range of a drive's samples."""
 GAP = 10.0
@@ -94,6 +96,34 @@ def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray],
         return moved
 
     return at
+
+
+def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
+    """Raises ConfigError if a driven angle or the direction of gravity rotates by more than SPUN per step; u (T + 1, width);
+    section: of the time step in the config."""
+    drives = bench.system.drives
+    turned = [
+        (f"joints.{drives.names[k]}.drive", drives.at + int(k)) for k in np.unique(drives.which[drives.power == 0])
+    ]
+    laws = ((element.force, element.inputs) for element in bench.system.elements)
+    turned += [
+        (f"forces.{force.name}.turns", int(at[0])) for force, at in laws if isinstance(force.law, TurningGravity)
+    ]
+    recorded = {
+        f"joints.{name}.drive"
+        for name, joint in bench.config.joints.items()
+        if isinstance(joint, Driven) and joint.drive.signal.type == "csv"
+    }
+    for key, column in turned:
+        moved = np.abs(np.diff(u[:, column]))
+        if moved.max(initial=0.0) > SPUN:
+            smooth = ", or smooth a jump in the recorded signal" if key in recorded else ""
+            raise ConfigError(
+                f"the driven angle or the direction of gravity changes by {moved.max():.3g} rad in a time step; the limit is "
+                f"{SPUN:g} rad",
+                key=key,
+                remedy=f"Reduce {section}.time_step{smooth}.",
+            )
 
 
 def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]:

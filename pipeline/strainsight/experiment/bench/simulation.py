@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.bench.bench import ReactionSensor, Simulate
-from strainsight.config.bench.connections import Driven
 from strainsight.errors import ConfigError, NumericalError, blame
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.bench import Bench, explained, start_of
-from strainsight.experiment.bench.loads import doubtful_drives, drives_of, loads_of
+from strainsight.experiment.bench.loads import doubtful_drives, drives_of, loads_of, refuse_spun
 from strainsight.experiment.bench.sensors import Sensors, dataset_units, frame_at, instants_of, read_in_time, sensors_of
 from strainsight.experiment.system import Resources, of_steps
 from strainsight.mesh.facets import exterior_facets
@@ -23,7 +22,6 @@ from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.coupled import SHARE, CoupledModes, coupled_modes, growth, load_error, resolved_frequency
 from strainsight.multibody.initial import constraints_at
-from strainsight.multibody.laws import TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
 from strainsight.multibody.step import GAIN, LAG
@@ -79,8 +77,6 @@ def reactions_in_time(bench: Bench, name: str, run: Trajectory, instants: Sequen
     return np.array([reaction(bench.system, joint, i, j, q, now.lam, u) for q, u, now in states])
 
 
-SPUN = 1.0
-"""Largest driven rotation per step [rad]."""
 TILT = 0.1
 """Largest tilt [rad] for force laws that assume small angles."""
 
@@ -240,34 +236,6 @@ def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
                     remedy="Align the axes of the frames at rest, and keep them parallel by a joint: this "
                     f"{'force law' if key.startswith('forces') else 'drive'} is valid for small tilts.",
                 )
-
-
-def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
-    """Raises ConfigError if a driven angle or the direction of gravity rotates by more than SPUN per step; u (T + 1, width);
-    section: of the time step in the config."""
-    drives = bench.system.drives
-    turned = [
-        (f"joints.{drives.names[k]}.drive", drives.at + int(k)) for k in np.unique(drives.which[drives.power == 0])
-    ]
-    laws = ((element.force, element.inputs) for element in bench.system.elements)
-    turned += [
-        (f"forces.{force.name}.turns", int(at[0])) for force, at in laws if isinstance(force.law, TurningGravity)
-    ]
-    recorded = {
-        f"joints.{name}.drive"
-        for name, joint in bench.config.joints.items()
-        if isinstance(joint, Driven) and joint.drive.signal.type == "csv"
-    }
-    for key, column in turned:
-        moved = np.abs(np.diff(u[:, column]))
-        if moved.max(initial=0.0) > SPUN:
-            smooth = ", or smooth a jump in the recorded signal" if key in recorded else ""
-            raise ConfigError(
-                f"the driven angle or the direction of gravity changes by {moved.max():.3g} rad in a time step; the limit is "
-                f"{SPUN:g} rad",
-                key=key,
-                remedy=f"Reduce {section}.time_step{smooth}.",
-            )
 
 
 def turns_in_a_step(bench: Bench, v: np.ndarray, h: float) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 
@@ -14,7 +15,6 @@ from strainsight.placement.baselines import d_optimal, effective_independence, q
 from strainsight.placement.criteria import CRITERIA, LogDeterminant, Trace, criterion_of
 from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.limits import limits_of
-from strainsight.placement.scenario import Pool
 from strainsight.placement.score import Scores, scores
 from strainsight.runner.output import Table
 
@@ -52,7 +52,11 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleCompari
 
     @cache
     def eliminated(name: str) -> np.ndarray | None:
-        return _eliminated(task.under([task.searched[i] for i in some], name, "mean", some), keep, fixed)
+        """Result of an elimination by this criterion, None if it fails."""
+        pools = task.under([task.searched[i] for i in some], name, "mean", some)
+        with suppress(InfeasibleError, NumericalError):
+            return eliminate_from(pools, limits_of(len(pools[0].rows), keep, fixed=fixed)).selected
+        return None
 
     # of a single variance all criteria agree, but for the weights of the trace
     of_variance = {} if len(task.over) > 1 else dict.fromkeys(task.metrics.keys() - {Trace.name}, LogDeterminant.name)
@@ -126,11 +130,3 @@ def _some(of: np.ndarray) -> list[int]:
         scenarios = np.flatnonzero(of == case)
         numbers += scenarios[np.unique(np.linspace(0, len(scenarios) - 1, CRITERION_SCENARIOS).astype(int))].tolist()
     return numbers
-
-
-def _eliminated(pools: Sequence[Pool], keep: int, fixed: frozenset[int]) -> np.ndarray | None:
-    """Result of an elimination by the metric of these pools, None if it fails."""
-    try:
-        return eliminate_from(pools, limits_of(len(pools[0].rows), keep, fixed=fixed)).selected
-    except (InfeasibleError, NumericalError):
-        return None

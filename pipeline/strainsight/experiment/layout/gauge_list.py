@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import count
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -269,18 +269,10 @@ def frame_of(unit: str, datum: Datum) -> PositionAxes:
     return PositionAxes(unit, length_factor(unit), np.array(datum.origin), np.array([x, np.cross(z, x), z]))
 
 
-class Sites(TypedDict):
-    """Surface, and zones to include and exclude, for sensors."""
-
-    surface: str
-    include: list[Zone]
-    exclude: list[Zone]
-
-
-def sites_of(config: SensorSites) -> Sites:
-    """Convert the sensor sites of a config."""
+def sites_of(config: SensorSites) -> dict[str, Any]:
+    """Surface, and zones to include and exclude, of the sensor sites of a config."""
     include, exclude = ([zone_of(entry) for entry in zones] for zones in (config.include, config.exclude))
-    return Sites(surface=config.surface, include=include, exclude=exclude)
+    return {"surface": config.surface, "include": include, "exclude": exclude}
 
 
 def strain_candidates(

@@ -187,23 +187,17 @@ def _pool_grid(placement: Placement) -> tuple[dict[str, Dataset], dict[str, dict
     )
 
 
-def _clusters(placement: Placement) -> int:
-    """Number of clusters of gauges by the distance CLUSTER."""
-    candidates = placement.task.candidates
-    position = candidates.position[candidates.first[placement.gauges]]
-    near = CLUSTER * float(np.ptp(candidates.position, axis=0).max())
-    return int(connected_components(cdist(position, position) <= near, directed=False)[0])
-
-
 def _summary(placement: Placement) -> dict[str, Scalar]:
     result, layout, criterion = placement.elimination, placement.layout, placement.task.criterion.name
     swapped, certificate, proof = layout.exchange, layout.certificate, layout.proof
-    key = metric_key(criterion)
+    key, candidates = metric_key(criterion), placement.task.candidates
+    position = candidates.position[candidates.first[placement.gauges]]
+    near = cdist(position, position) <= CLUSTER * float(np.ptp(candidates.position, axis=0).max())
     numbers: dict[str, Scalar] = {
         "criterion": criterion,
         "pool": len(placement.task.pool.gauges),
         "selected": len(placement.gauges),
-        "clusters": _clusters(placement),
+        "clusters": int(connected_components(near, directed=False)[0]),
         f"{key}_initial": float(result.cost[0]),
         f"{key}_greedy": float(result.cost[-1]),
         f"{key}_final": float(layout.cost),

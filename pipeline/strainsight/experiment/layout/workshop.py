@@ -8,18 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.config.gauge_types import GaugeType, Typed, gauge_type
+from strainsight.config.gauge_types import GaugeType, gauge_type
+from strainsight.config.gauges import Gauges
 from strainsight.config.placement import Report
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
     cell,
     channel_labels,
-    line_edges,
     marked_places,
     measured_cells,
     measured_columns,
 )
-from strainsight.mesh.model import Mesh
 from strainsight.positions import PositionAxes
 from strainsight.sensors.edges import EdgeDimensions, carrier
 from strainsight.sensors.export import uff_text
@@ -44,7 +43,7 @@ class Foil:
     type: GaugeType | None
 
 
-def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
+def foil_at(gauges: Gauges, shop: Workshop, line: int) -> Foil:
     """Carrier at a line; bonded gauges may have another type than the config."""
     listed, length = shop.listed, shop.listed.grids.length[line]
     gauge = listed.gauge[line]
@@ -52,11 +51,6 @@ def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
     kind = gauge_type(gauges) if bonded_on else None
     size = carrier(length) if kind is None else (kind.carrier_length, kind.carrier_width)
     return Foil(*size, kind)
-
-
-def workshop_of(listed: GaugeList, mesh: Mesh, frame: PositionAxes) -> Workshop:
-    """Layout with dimensions in a frame."""
-    return Workshop(listed, line_edges(listed.grids, mesh), frame)
 
 
 def workshop_csv(shop: Workshop) -> bytes:

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from strainsight.config.estimate import DamageSettings
+from strainsight.config.damage import DamageSettings
 from strainsight.config.placement import PlacementConfig
 from strainsight.damage import (
     FKM,

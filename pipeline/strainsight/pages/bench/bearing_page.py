@@ -172,13 +172,9 @@ def _case(case: LoadedBearing) -> str:
     return section(escape(case.title), text)
 
 
-def balls_figures(name: str, ring: RingEstimate) -> tuple[Drawing, Drawing]:
-    """Estimated ball forces at the instant of the highest pressure, and highest pressure over time, ±2σ."""
-    return _around(name, ring.worst), _in_time(name, ring)
-
-
 @styled()
-def _around(name: str, then: BallsThen) -> Drawing:
+def balls_figure(name: str, then: BallsThen) -> Drawing:
+    """Estimated ball forces at the instant of the highest pressure, ±2σ."""
     order = np.argsort(then.station)
     station = np.rad2deg(then.station[order])
     force, std = then.force[order] / 1e3, then.force_std[order] / 1e3
@@ -201,7 +197,8 @@ def _around(name: str, then: BallsThen) -> Drawing:
 
 
 @styled()
-def _in_time(name: str, ring: RingEstimate) -> Drawing:
+def pressure_figure(name: str, ring: RingEstimate) -> Drawing:
+    """Estimated highest contact pressure over time, ±2σ."""
     canvas, axes = figure(2.4)
     axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
     band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)

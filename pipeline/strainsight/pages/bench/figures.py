@@ -74,7 +74,11 @@ def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown
     if smoothed is not None:
         line(axes, first.time, smoothed / factor, color=GREEN, lw=1.2, label="smoothed")
     if alone and load:
-        _bulk(axes, first, factor)
+        # limited to the estimate and the truth: the initial band may be a hundred times wider
+        late = slice(len(first.std) // 10, None)
+        mean, reach = first.mean[late], 2 * first.std[late]
+        parts = [first.mean, mean + reach, mean - reach, *([] if first.truth is None else [first.truth])]
+        focus_on(axes, np.concatenate(parts) / factor, share=0.0)
     plain_axis(axes)
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
     for below in more:
@@ -214,14 +218,6 @@ def _error(axes: Axes, history: History, values: FloatArray, **style: Any) -> No
     error = np.where(error > ROUNDING, error, np.nan)
     index = visible_instants(np.log(error)[:, None], 240)
     axes.plot(history.time[index], error[index], **style)
-
-
-def _bulk(axes: Axes, history: History, factor: float) -> None:
-    """Limit the y axis to the estimate and the truth: the initial band may be a hundred times wider."""
-    late = slice(len(history.std) // 10, None)
-    mean, reach = history.mean[late], 2 * history.std[late]
-    parts = [history.mean, mean + reach, mean - reach, *([] if history.truth is None else [history.truth])]
-    focus_on(axes, np.concatenate(parts) / factor, share=0.0)
 
 
 def _ending(history: History) -> str:

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.bench.bearing_page import balls_figures
+from strainsight.pages.bench.bearing_page import balls_figure, pressure_figure
 from strainsight.pages.bench.data import BenchPageRun, BenchStress, PlacedGauges
 from strainsight.pages.bench.figures import (
     components_figure,
@@ -185,7 +185,11 @@ def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
                 for i, one in every
                 if one.unscaled is not None
             ),
-            *(drawing for name, ring in estimate.bearings.items() for drawing in balls_figures(name, ring)),
+            *(
+                drawing
+                for name, ring in estimate.bearings.items()
+                for drawing in (balls_figure(name, ring.worst), pressure_figure(name, ring))
+            ),
             *(runs_figure(one) for _, one in every if one.errors is not None),
         )
         shown["sensors"] = (

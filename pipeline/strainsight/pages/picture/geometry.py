@@ -113,6 +113,18 @@ def views(points: FloatArray, triangle: IntArray, position: FloatArray, normal: 
     return corners[first], corners[int(np.argmax(visible[:, missed].sum(axis=1)))]
 
 
+def paper_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Right and up (3,) of the view along a normal (3,): z upward, or x to the right if the normal is along z."""
+    n = np.asarray(normal, dtype=float)
+    if abs(n[2]) > 0.9:
+        right = np.array([1.0, 0.0, 0.0]) - n[0] * n
+        right /= np.linalg.norm(right)
+        return right, np.cross(n, right)
+    up = np.array([0.0, 0.0, 1.0]) - n[2] * n
+    up /= np.linalg.norm(up)
+    return np.cross(up, n), up
+
+
 def at_points(values: FloatArray, faces: IntArray, points: int) -> FloatArray:
     """Mean value at every point (n,) of the adjacent facets with values (f,); faces (f, 8) padded with −1; NaN without facets."""
     facet, column = np.nonzero(faces >= 0)
@@ -177,18 +189,11 @@ def scale_of(quantity: str, unit: str, values: FloatArray, area: FloatArray | No
     return replace(whole, low=low, high=high, below=bool(values.min() < low), above=bool(values.max() > high))
 
 
-def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]:
-    """Colours (n, 3) from 0 to 255; missing: "#rrggbb" for NaN."""
-    share = scale.share(values)
-    rgb = np.asarray(matplotlib().colormaps[scale.name](np.nan_to_num(share)), dtype=float)[..., :3]
-    table = np.round(255 * rgb).astype(np.uint8)
-    table[~np.isfinite(share)] = np.frombuffer(bytes.fromhex(missing[1:]), np.uint8)
-    return table
-
-
 def stops(scale: Scale) -> NDArray[np.uint8]:
     """Equidistant colours (STEPS, 3) from 0 to 255 of the scale, for linear interpolation."""
-    return colours(scale, np.linspace(scale.low, scale.high, STEPS), "#000000")
+    share = scale.share(np.linspace(scale.low, scale.high, STEPS))
+    rgb = np.asarray(matplotlib().colormaps[scale.name](share), dtype=float)[..., :3]
+    return np.round(255 * rgb).astype(np.uint8)
 
 
 def scale_bar(scale: Scale) -> str:

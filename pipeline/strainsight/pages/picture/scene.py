@@ -131,11 +131,6 @@ def look(layout: PictureLayout) -> str:
     return digest.hexdigest()
 
 
-def draw_layouts(layouts: Sequence[PictureLayout]) -> list[bytes]:
-    """Child process: draw every layout of `render_all`."""
-    return [draw(layout, WIDTH, HEIGHT) for layout in layouts]
-
-
 STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"
 POOL, CLAMP = "#33475c", "#8a4fb5"
 FINER = 2
@@ -150,15 +145,15 @@ WIDE, HIGH, MARGIN = 4.6, 12.5, 7.5
 """Half size of a label [px]: width MARGIN + WIDE per letter, height HIGH."""
 
 
-def draw(layout: PictureLayout, width: int, height: int) -> bytes:
-    """PNG bytes for width × height pixels: the layout from one corner, or from two if a gauge is hidden."""
+def draw(layout: PictureLayout) -> bytes:
+    """PNG bytes for WIDTH × HEIGHT pixels: the layout from one corner, or from two if a gauge is hidden."""
     triangle = geometry.triangles(layout.faces)
     position, normal = layout.places
     corners = geometry.views(layout.points, triangle, position, normal)
     extent = np.sort(np.ptp(layout.points, axis=0))
     slender = extent[2] > 1.6 * extent[1]
     rows, columns = (len(corners), 1) if slender else (1, len(corners))
-    size = width // columns, height // rows
+    size = WIDTH // columns, HEIGHT // rows
     # label an arrow in the views that show its free end, else in the first
     ends = np.array([geometry.free_end(load, layout) for load in layout.loads]).reshape(-1, 3)
     facing = np.array(
@@ -341,4 +336,4 @@ def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tu
 
 
 if __name__ == "__main__":
-    answer(draw_layouts)
+    answer(lambda layouts: list(map(draw, layouts)))

@@ -37,11 +37,17 @@ def first_screen(report: PlacementReport, scene: bytes | None, scene_problem: st
     """3D view, beginning with the first of the shapes if that has a contour, or the picture where no script runs and on paper;
     numbers; cautions."""
     order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
-    tiles = "".join(map(_tile, order)) + _bound_tile(report)
+    gap, symbol = report.trend.gap, escape(report.trend.metric.symbol)
+    bound = "not computed" if gap is None else f"≤\u00a0{share(max(gap, 0.0))}"
+    tiles = "".join(map(_tile, order)) + tile(f"gap of the criterion {symbol} to its lower bound", bound)
     first = 0 if shapes and shapes[0].contour is not None else -1
     view = space_section([("", report.layout)], shapes, first=first)
     picture = _picture(report.layout, scene, scene_problem)
-    return sections.first_screen("", f'{view}{picture}<div class="tiles">{tiles}</div>', _cautions(report))
+    cautions = (
+        sections.caution("Observability", items(_observable(report))),
+        sections.caution("Not tested", bullets(report.not_tested)),
+    )
+    return sections.first_screen("", f'{view}{picture}<div class="tiles">{tiles}</div>', cautions)
 
 
 def answer(report: PlacementReport) -> str:
@@ -100,19 +106,6 @@ def _mark(unknown: Unknown) -> str:
     if unknown.lost or unknown.withheld:
         return mark(f"{LOST}: {HARDLY}" if unknown.lost else WITHHELD, False)
     return "".join(mark(claim.words(plain, limit=False), not claim.overconfident) for claim in unknown.claims[:1])
-
-
-def _bound_tile(report: PlacementReport) -> str:
-    """Tile with the optimality bound of the layout."""
-    gap = report.trend.gap
-    value = "not computed" if gap is None else f"≤\u00a0{share(max(gap, 0.0))}"
-    return tile(f"gap of the criterion {escape(report.trend.metric.symbol)} to its lower bound", value)
-
-
-def _cautions(report: PlacementReport) -> Iterator[str]:
-    """Cards on observability and missing tests."""
-    yield sections.caution("Observability", items(_observable(report)))
-    yield sections.caution("Not tested", bullets(report.not_tested))
 
 
 def _observable(report: PlacementReport) -> list[str]:

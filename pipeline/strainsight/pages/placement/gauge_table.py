@@ -32,7 +32,6 @@ REFINED = (
     "the RMS strain of the training simulation (simulation in the stage `train`). A large change indicates a "
     "hot spot: a corner, the end of a support or a concentrated force."
 )
-UNOBSERVABLE = "∞: without this gauge the unknown is not observable."
 
 
 def gauge_table(report: PlacementReport) -> str:
@@ -64,7 +63,16 @@ def _where(report: PlacementReport) -> str:
     head += [f"distance to nearest edges [{frame.unit}]", "angle from nearest edges to measuring direction"] * edged
     numeric = [2, 3, 4, *range(7, len(head))]
     head += ["installation"] * noted
-    return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
+    several = any(len(gauge.channels) > 1 for gauge in gauges)
+    below = "; rosettes and triaxial sensors have one line for each direction" * several
+    sentences = {
+        f"Positions, normals and measuring directions are in {frame.in_words()}{below}.": True,
+        "The arms of a bridge are listed in the order of their signs.": any(gauge.arms for gauge in gauges),
+        EDGES: any(len(gauge.edges) for gauge in gauges),
+        "A gauge and its mirror image were placed as a pair.": any(gauge.mirror for gauge in gauges),
+        BONDED: any(gauge.notes for gauge in gauges),
+    }
+    return table("gauges", head, rows, caption=_occurring(sentences), numeric=numeric)
 
 
 def _vectors(frame: PositionAxes, vectors: Sequence[FloatArray]) -> str:
@@ -74,7 +82,8 @@ def _vectors(frame: PositionAxes, vectors: Sequence[FloatArray]) -> str:
 
 
 def _worth(report: PlacementReport) -> str:
-    gauges, names = report.layout.gauges, names_without(report)
+    gauges = report.layout.gauges
+    names = [u.name for u in report.unknowns if any(u.name in gauge.without for gauge in gauges)]
     read = any(gauge.peak is not None for gauge in gauges)
     tested = any(gauge.refined is not None for gauge in gauges)
     rows = [
@@ -91,13 +100,17 @@ def _worth(report: PlacementReport) -> str:
     head += ["training peak"] * read + ["change of strain with refined mesh"] * tested
     foot = ["all gauges", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
     head += [f"expected σ({escape(name)}) without gauge" for name in names]
-    caption = _caption_of_worth(gauges)
+    ids = "Numbers refer to the imported table of gauges" if imported(gauges) else "Ids refer to the mesh file"
+    sentences = {
+        f"{ids}; the angle is measured from the projected axis.": True,
+        "Training peak: largest reading of the training simulation, relative to the measuring range.": read,
+        REFINED: tested,
+        "∞: without this gauge the unknown is not observable.": any(
+            math.isinf(value) for gauge in gauges for value in gauge.without.values()
+        ),
+    }
+    caption = _occurring(sentences)
     return table("gauges: readings", head, rows, caption=caption, numeric=range(1, len(head)), foot=foot)
-
-
-def names_without(report: PlacementReport) -> list[str]:
-    """Unknowns with an expected σ without each gauge."""
-    return [u.name for u in report.unknowns if any(u.name in gauge.without for gauge in report.layout.gauges)]
 
 
 def expected_with_all(report: PlacementReport, names: Sequence[str]) -> list[str]:
@@ -119,31 +132,8 @@ def imported(gauges: tuple[Gauge, ...]) -> bool:
     return not any(gauge.facet for gauge in gauges)
 
 
-def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
-    """Caption of the position table, for the columns that occur."""
-    several = any(len(gauge.channels) > 1 for gauge in gauges)
-    below = "; rosettes and triaxial sensors have one line for each direction" * several
-    sentences = {
-        f"Positions, normals and measuring directions are in {frame.in_words()}{below}.": True,
-        "The arms of a bridge are listed in the order of their signs.": any(gauge.arms for gauge in gauges),
-        EDGES: any(len(gauge.edges) for gauge in gauges),
-        "A gauge and its mirror image were placed as a pair.": any(gauge.mirror for gauge in gauges),
-        BONDED: any(gauge.notes for gauge in gauges),
-    }
-    return " ".join(text for text, occurs in sentences.items() if occurs)
-
-
-def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
-    """Caption of the table of readings, for the columns that occur."""
-    ids = "Numbers refer to the imported table of gauges" if imported(gauges) else "Ids refer to the mesh file"
-    sentences = {
-        f"{ids}; the angle is measured from the projected axis.": True,
-        "Training peak: largest reading of the training simulation, relative to the measuring range.": any(
-            gauge.peak is not None for gauge in gauges
-        ),
-        REFINED: any(gauge.refined is not None for gauge in gauges),
-        UNOBSERVABLE: any(math.isinf(value) for gauge in gauges for value in gauge.without.values()),
-    }
+def _occurring(sentences: Mapping[str, bool]) -> str:
+    """Caption of a table: the sentences on what occurs in it."""
     return " ".join(text for text, occurs in sentences.items() if occurs)
 
 

@@ -12,7 +12,7 @@ from strainsight.pages.chart.drawing import Drawing
 from strainsight.pages.page import markup, sections
 from strainsight.pages.page.markup import data, figures, folded, measure, plain, select_figures, share, table
 from strainsight.pages.page.problems import faults, headline
-from strainsight.pages.placement.data import PlacementReport, Unknown
+from strainsight.pages.placement.data import PlacementReport
 from strainsight.pages.placement.first_screen import answer, first_screen
 from strainsight.pages.placement.gauge_table import (
     cases_table,
@@ -82,8 +82,16 @@ def _details(report: PlacementReport, drawings: tuple[Drawing, ...], sheets: tup
     """Sections that are not printed."""
     yield figures(select_figures(drawings, "frequency-response"), "<h2>Frequency response</h2>")
     yield sheets_section(sheets)
-    yield _trend(report, drawings)
-    yield _signals(report, drawings)
+    meaning = f'<div class="card">{criteria_meaning(report.metrics)}</div>' * bool(report.criteria)
+    cards = "".join(select_figures(drawings, "trend")) + meaning
+    rules = criteria_table(report.trend, report.metrics, report.criteria, report.units)
+    below = f'<div class="card below">{rules}</div>'
+    yield sections.section("Quality of the layout", cards, kind="figures", more=below)
+    strains = all(signal.unit == "strain" for signal in report.gauge_signals)
+    heading = markup.titled(
+        "Gauge strains" if strains else "Readings", "Measured and estimated readings of each gauge."
+    )
+    yield folded(select_figures(drawings, "signal-"), heading=heading)
     yield figures(select_figures(drawings, "random-"), RANDOM)
     yield figures([*select_figures(drawings, "noise", "repeats-"), *_noise(report)], "<h2>Noise and repeats</h2>")
     yield sections.filters_section(report.filters, report.units)
@@ -93,15 +101,6 @@ def _details(report: PlacementReport, drawings: tuple[Drawing, ...], sheets: tup
     rows = [[*map(escape, row)] for row in report.assumes]
     assumes = table("assumptions", ("item", "number", "detail"), rows, numeric=(1,)) if rows else ""
     yield sections.section("Model assumptions", assumes, "assumes")
-
-
-def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
-    meaning = f'<div class="card">{criteria_meaning(report.metrics)}</div>' * bool(report.criteria)
-    cards = "".join(select_figures(drawings, "trend")) + meaning
-    rules = criteria_table(report.trend, report.metrics, report.criteria, report.units)
-    return sections.section(
-        "Quality of the layout", cards, kind="figures", more=f'<div class="card below">{rules}</div>'
-    )
 
 
 def _validation(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
@@ -116,7 +115,7 @@ def _validation(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
             share(one.error),
             WITHHELD if one.withheld else share(one.std),
             share(one.smoothed_error if one.kind == "input" else None),
-            _calibration(one),
+            "<br>".join(claim.words(plain, limit=False) for claim in one.claims) or "–",
         ]
         for one in report.unknowns
     ]
@@ -125,18 +124,6 @@ def _validation(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     numbers = table("simulated test", head, rows, caption=caption, numeric=range(1, 6))
     shown = figures(select_figures(drawings, "estimate-", "closing-", "posterior-"))
     return sections.section("Simulated test", numbers, more=shown)
-
-
-def _calibration(unknown: Unknown) -> str:
-    """Calibration of σ by all claims."""
-    return "<br>".join(claim.words(plain, limit=False) for claim in unknown.claims) or "–"
-
-
-def _signals(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
-    strains = all(signal.unit == "strain" for signal in report.gauge_signals)
-    lead = "Measured and estimated readings of each gauge."
-    heading = markup.titled("Gauge strains" if strains else "Readings", lead)
-    return folded(select_figures(drawings, "signal-"), heading=heading)
 
 
 def _influence(matrix: Table | None) -> str:

@@ -67,7 +67,7 @@ def _views(paper: views.Paper, sheet: views.Sheet) -> str:
         else:
             views.profile(paper, placed, sheet)
         if shown:
-            views.datum(paper, placed, sheet)
+            views.datum(paper, placed)
             views.from_datum(paper, placed, sheet, (bottom, left), across=front)
     return _ratio_text(ratio)
 

@@ -46,8 +46,8 @@ class Paper:
         style += f' fill="{fill}"' * bool(fill)
         self._marks.append(f'<path d="{way}"{style}/>')
 
-    def circle(self, at: Point, radius: float, width: float = THIN) -> None:
-        self._marks.append(f'<circle cx="{_n(at[0])}" cy="{_n(at[1])}" r="{_n(radius)}" stroke-width="{width}"/>')
+    def circle(self, at: Point, radius: float) -> None:
+        self._marks.append(f'<circle cx="{_n(at[0])}" cy="{_n(at[1])}" r="{_n(radius)}" stroke-width="{THIN}"/>')
 
     def text(
         self, at: Point, words: str, size: float = TEXT, anchor: str = "start", turn: float = 0.0, bold: bool = False
@@ -222,18 +222,6 @@ class Sheet:
     side: Projection
 
 
-def paper_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Right and up (3,) of the view along a normal (3,): z upward, or x to the right if the normal is along z."""
-    n = np.asarray(normal, dtype=float)
-    if abs(n[2]) > 0.9:
-        right = np.array([1.0, 0.0, 0.0]) - n[0] * n
-        right /= np.linalg.norm(right)
-        return right, np.cross(n, right)
-    up = np.array([0.0, 0.0, 1.0]) - n[2] * n
-    up /= np.linalg.norm(up)
-    return np.cross(up, n), up
-
-
 MINUS = "−"
 HIDDEN = "1.6 0.9"
 CHAIN = "4 0.8 0.6 0.8"
@@ -293,7 +281,7 @@ def outline(paper: Paper, placed: PlacedView) -> None:
         paper.path(path, THICK)
 
 
-def datum(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
+def datum(paper: Paper, placed: PlacedView) -> None:
     """Draw the origin and the axes, if they are not normal to the paper."""
     at = placed(np.zeros(3))
     paper.circle(at, 1.2)

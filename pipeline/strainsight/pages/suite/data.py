@@ -146,11 +146,6 @@ class SourceComparison:
         return {CONFIRMED: PUBLISHED_ONLY}.get(results[0] or "", OTHER_ONLY if CONFIRMED in measured else CONTRADICTED)
 
 
-def unexplained(result: str, why: str) -> bool:
-    """Whether a required explanation is missing; confirmed results need none."""
-    return result not in (CONFIRMED, HOLDS) and not why
-
-
 @dataclass(frozen=True)
 class Suite:
     """Contents of the page of a suite: name, title, runs in order; provenance: versions, digests."""
@@ -267,8 +262,8 @@ def _table(name: str, kind: str, heads: Sequence[str], rows: Sequence[str], titl
 
 
 def reason(result: str, why: str) -> str:
-    """Explanation of a result; a mark if a required explanation is missing."""
-    if unexplained(result, why):
+    """Explanation of a result; a mark if it is missing and the result is not a confirmation, which needs none."""
+    if result not in (CONFIRMED, HOLDS) and not why:
         return '<p class="why"><strong class="bad">no explanation</strong>: add <code>why</code> in the suite</p>'
     return f'<p class="why">{escape(why)}</p>' if why else ""
 

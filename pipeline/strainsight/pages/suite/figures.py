@@ -179,7 +179,6 @@ def _scale(axes: Axes, values: FloatArray) -> None:
 
 
 COLOURS = (*SERIES, MUTED)
-WRONG = "unreliable estimate"
 
 
 def suite_figures(report: Suite) -> tuple[Drawing, ...]:
@@ -265,7 +264,8 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
             color=SERIES[1 if result.problems else 0], ms=7, mec="white", mew=0.6,
         )  # fmt: skip
     axes.fill_between([], [], [], color=SERIES[0], alpha=0.22, lw=0, label="consistent")
-    for marker, colour, label in (("o", SERIES[0], "error"), ("|", MUTED, "repeats"), ("X", SERIES[1], WRONG)):
+    legend = (("o", SERIES[0], "error"), ("|", MUTED, "repeats"), ("X", SERIES[1], "unreliable estimate"))
+    for marker, colour, label in legend:
         axes.plot([], [], marker, color=colour, ms=7, mew=1.0, label=label)
     axes.set_yticks(range(len(rows)), [f"{i} {short(result.unknown.name, 16)}" for i, result in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)

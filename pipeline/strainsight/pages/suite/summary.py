@@ -31,7 +31,6 @@ from strainsight.text import listed, quantity
 
 SINGULAR = 1e13
 """Condition number above which its digits are rounding errors."""
-TRAINING = "training simulation"
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class ExcitationSeries:
     @property
     def heading(self) -> str:
         """Name of the excitation from its runs: their training motion, or a configured excitation."""
-        return numbered(self.runs) + ("" if self.excitation == TRAINING else f" at {self.excitation}")
+        return numbered(self.runs) + ("" if self.excitation == "training simulation" else f" at {self.excitation}")
 
 
 def series_of(report: Suite) -> tuple[ExcitationSeries, ...]:
@@ -295,14 +294,13 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
         return block(heading, list(map(_cells, results_of(run))), once)
     names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
     text = f"<strong>not estimated</strong> (run ends after stage {escape(run.reached)}){': ' * bool(run.note)}{escape(run.note)}"
-    known = [unknown for unknown in run.unknowns if unknown.expected_std is not None]
-    if expected := ", ".join(f"{escape(one.name)} ± {share(one.expected_std)} ({_absolute(one)})" for one in known):
+    known = [(one, std) for one in run.unknowns if (std := one.expected_std) is not None]
+    if expected := ", ".join(
+        f"{escape(one.name)} ± {share(std)} ({escape(quantity(std * one.reference, one.unit, 3))})"
+        for one, std in known
+    ):
         text += f"<br>expected σ: {expected}"
     return block(heading, [[cell(names), f'<td class="v" colspan="{len(MEASURED)}">{text}</td>']], once)
-
-
-def _absolute(unknown: Unknown) -> str:
-    return escape(quantity((unknown.expected_std or 0.0) * unknown.reference, unknown.unit, 3))
 
 
 def _cells(result: Result) -> list[str]:

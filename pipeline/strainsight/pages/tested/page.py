@@ -5,7 +5,7 @@ Contents of the sections are in `Findings`, figures in `figures_of_test`."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 from typing import Any
@@ -73,9 +73,13 @@ def findings_screen(report: Findings) -> str:
     good = report.consistent
     words = mark(escape(_sentence(report.innovations)), good) if report.innovations else ""
     consistency = tile("consistency of record and model", "consistent" if good else "inconsistent", after=words)
-    return sections.first_screen(
-        "".join(map(_tile, report.unknowns)) + consistency, _channels(report), _cautions(report)
+    first = bullets(map(_sentence, report.warnings[:SHOWN]))
+    more = f'<p><a href="#warnings">All {count(len(report.warnings))} warnings</a></p>'
+    cautions = (
+        sections.caution("Warnings", first + more * (len(report.warnings) > SHOWN), "warnings"),
+        sections.caution("Not tested", bullets([NOT_TESTED] * (not report.hold_out))),
     )
+    return sections.first_screen("".join(map(_tile, report.unknowns)) + consistency, _channels(report), cautions)
 
 
 def _tile(unknown: TestedUnknown) -> str:
@@ -136,14 +140,6 @@ def _channels(report: Findings) -> str:
         numeric=range(1, 7),
     )
     return f'<div class="card">{text}</div>'
-
-
-def _cautions(report: Findings) -> Iterator[str]:
-    more = f'<p><a href="#warnings">All {count(len(report.warnings))} warnings</a></p>'
-    yield sections.caution(
-        "Warnings", bullets(map(_sentence, report.warnings[:SHOWN])) + more * (len(report.warnings) > SHOWN), "warnings"
-    )
-    yield sections.caution("Not tested", bullets([NOT_TESTED] * (not report.hold_out)))
 
 
 def _sentence(text: str) -> str:

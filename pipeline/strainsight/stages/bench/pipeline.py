@@ -9,7 +9,6 @@ from typing import Any
 from strainsight.runner.stage import Stage
 from strainsight.stages.bench.bearing import BEARING
 
-BEARING_ALONE = (BEARING,)
 ON_DEMAND = ("statics", "modes")
 """Stages of a bench that a run has not."""
 

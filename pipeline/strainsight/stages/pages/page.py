@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -36,7 +36,7 @@ from strainsight.records.validated import RandomSetErrors as Drawn
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.stage import Context
-from strainsight.stages.pages.page_layout import expected_sigma, layout_of_page, listed_gauges, measured
+from strainsight.stages.pages.page_layout import layout_of_page, listed_gauges, measured
 from strainsight.text import capital, listed, number
 
 STAGES = ("import", "rom", "train", "screen", "place", "validate")
@@ -84,14 +84,8 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         provenance=provenance(context),
         assumes=tuple(row for table in up["import"].tables if table.title == ASSUMES for row in table.rows),
     )
-    return _with_validation(report, names, up) if "validate" in up else report
-
-
-def _with_validation(
-    report: data.PlacementReport, names: list[str], up: Mapping[str, Artefact]
-) -> data.PlacementReport:
-    """The content with the results of the simulated test."""
-    validate = up["validate"]
+    if (validate := up.get("validate")) is None:
+        return report
     validated = read(Validated, validate)
     return replace(
         report,
@@ -182,9 +176,14 @@ def unknown_of(name: str, kind: Any, unit: str, up: Mapping[str, Artefact]) -> d
     """An unknown with σ expected by the placement and with its validation, as far as these stages have run."""
     unknown = data.Unknown(name, unit, kind)
     if "place" in up:
-        cases, (expected, reference) = read(Placed, up["place"]).by_case, expected_sigma(name, up["place"])
-        worst = "" if cases is None else cases.worst[name]
-        unknown = replace(unknown, expected_std=expected, reference=reference, worst_case=worst)
+        place = up["place"]
+        cases = read(Placed, place).by_case
+        unknown = replace(
+            unknown,
+            expected_std=float(place.summary[f"std.{name}"]),
+            reference=float(place.attributes(f"/expected_std/{name}")["scale"]),
+            worst_case="" if cases is None else cases.worst[name],
+        )
     return _validated(unknown, up["validate"]) if "validate" in up else unknown
 
 
@@ -320,11 +319,6 @@ def checks_of(validate: Artefact) -> tuple[data.Check, ...]:
     values = [float(validate.summary[key]) for key in names.values()]
     bands = read(Validated, validate).consistency.band.tolist()
     return tuple(data.Check(*row, word_of(*row[1:])) for row in zip(names, values, map(tuple, bands), strict=True))
-
-
-def messages(up: Mapping[str, Artefact], stages: Sequence[str]) -> dict[str, str]:
-    """What each of these stages came to."""
-    return {stage: up[stage].message for stage in stages}
 
 
 def provenance(context: Context[Any]) -> dict[str, str]:

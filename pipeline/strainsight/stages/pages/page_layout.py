@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.config.gauge_types import Typed
+from strainsight.config.gauges import Gauges
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.workshop import Workshop, foil_at
 from strainsight.experiment.structure.candidates import listed_gauges as gauges_of
@@ -49,7 +49,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     return replace(bare(mesh, loads), pool=at, gauges=gauges, loose=_known_to_matrices(mesh, up))
 
 
-def measured(layout: PictureLayout, shop: Workshop, gauges: Typed) -> PictureLayout:
+def measured(layout: PictureLayout, shop: Workshop, gauges: Gauges) -> PictureLayout:
     """The layout in the axes of the workshop, its gauges with their distances to edges and the size of their foils.
 
     gauges: the section of the config, which may name a type."""
@@ -181,8 +181,3 @@ def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray
     if entry.node is not None:
         return mesh.position[mesh.node_index(int(entry.node))], direction
     return mesh.position[np.isin(mesh.node_ids, mesh.node_sets[entry.set])].mean(axis=0), direction
-
-
-def expected_sigma(name: str, place: Artefact) -> tuple[float, float]:
-    """Relative σ expected at placement, and its reference [unit]."""
-    return float(place.summary[f"std.{name}"]), float(place.attributes(f"/expected_std/{name}")["scale"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -26,8 +26,6 @@ from strainsight.estimation.decision import (
     Claim,
     Decision,
     check_ratio,
-    out_of_range,
-    without_sigma,
 )
 from strainsight.experiment.bench.inverse.comparison import BenchComparison, compare, smoothed_name
 from strainsight.experiment.bench.inverse.estimation import BenchEstimation
@@ -215,36 +213,14 @@ class Evidence:
         return float(self.numbers.get(key, np.nan))
 
 
-def bench_out_of_range(estimation: BenchEstimation) -> dict[str, str]:
-    """Modulus → sentence for estimates outside its `reach`, from the first such run. Bearing laws have no range."""
-    problem = estimation.problem
-    ranges = {name: ends for body in problem.bench.reduced.values() for name, ends in body.reach.items()}
-    outside_range: dict[str, str] = {}
-    for name in problem.unknowns.free:
-        inner = problem.unknowns.parameters[name]
-        for value in estimation.values[name][0][-1] if inner in ranges else ():
-            if np.isfinite(value) and name not in outside_range:
-                low, high = map(float, ranges[inner])
-                outside_range |= out_of_range({name: float(value)}, {name: (low, high)}, {name: "Pa"}, "reduce")
-    return outside_range
-
-
-def estimated_without_sigma(estimation: BenchEstimation, outside_range: Mapping[str, str]) -> BenchEstimation:
-    """Replace every σ by NaN; the hold-out test keeps its σ, unless parameters are outside their ranges."""
-    filtered, rings = without_sigma(estimation.filtered), without_sigma(estimation.rings)
-    filtered = replace(filtered, joint=np.full_like(filtered.joint, np.nan), compared=None)
-    without = without_sigma(estimation.without) if outside_range else estimation.without
-    return replace(estimation, filtered=filtered, without=without, rings=rings)
-
-
 def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
     """Output of an estimate, with σ withheld if it is not reliable."""
-    estimate, problem, outside_range = estimation.problem.estimate, estimation.problem, bench_out_of_range(estimation)
+    estimate, problem, outside_range = estimation.problem.estimate, estimation.problem, estimation.outside_range
     result = compare(estimation)
     evidence = Evidence(estimation, bench_numbers(estimation, result), result.claims, outside_range)
     decision, shown = evidence.decision, estimation
     if decision.withheld:
-        shown = estimated_without_sigma(estimation, outside_range)
+        shown = estimation.without_sigma
         result = compare(shown)
     record, rows = result.record, shown.held_out
     warnings = [

@@ -12,6 +12,7 @@ import numpy as np
 from strainsight.config.bench.bench import StrainSensorSection
 from strainsight.config.bench.estimate import FromFile
 from strainsight.errors import ConfigError, NumericalError
+from strainsight.estimation.decision import out_of_range, without_sigma
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.filtering import (
     FilteredRuns,
@@ -241,6 +242,28 @@ class BenchEstimation:
     def errors(self) -> dict[str, np.ndarray]:
         """Unknown → error in every run (T + 1, B), if the truth is known."""
         return {name: self.values[name][0] - true for name, true in self.truths.items()}
+
+    @cached_property
+    def outside_range(self) -> dict[str, str]:
+        """Modulus → sentence for estimates outside its `reach`, from the first such run. Bearing laws have no range."""
+        unknowns, reduced = self.problem.unknowns, self.problem.bench.reduced.values()
+        ranges = {name: ends for body in reduced for name, ends in body.reach.items()}
+        outside: dict[str, str] = {}
+        for name in unknowns.free:
+            inner = unknowns.parameters[name]
+            for value in self.values[name][0][-1] if inner in ranges else ():
+                if np.isfinite(value) and name not in outside:
+                    low, high = map(float, ranges[inner])
+                    outside |= out_of_range({name: float(value)}, {name: (low, high)}, {name: "Pa"}, "reduce")
+        return outside
+
+    @property
+    def without_sigma(self) -> BenchEstimation:
+        """The same with NaN for every σ; the hold-out test keeps its σ, unless parameters are outside their ranges."""
+        filtered, rings = without_sigma(self.filtered), without_sigma(self.rings)
+        filtered = replace(filtered, joint=np.full_like(filtered.joint, np.nan), compared=None)
+        without = without_sigma(self.without) if self.outside_range else self.without
+        return replace(self, filtered=filtered, without=without, rings=rings)
 
     @property
     def held_out(self) -> tuple[LeftOut, ...]:

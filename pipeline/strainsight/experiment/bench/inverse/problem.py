@@ -14,9 +14,8 @@ from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.config.loads import SineSection
 from strainsight.errors import NumericalError, UserError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
-from strainsight.experiment.bench.loads import drives_of, loads_of
+from strainsight.experiment.bench.loads import drives_of, loads_of, refuse_spun
 from strainsight.experiment.bench.sensors import Sensors, Toleranced, sensors_of, some_of, toleranced
-from strainsight.experiment.bench.simulation import refuse_spun
 from strainsight.loads.input_models import WALK, input_model
 from strainsight.multibody.accelerations import at_rest
 from strainsight.multibody.bearing.geometry import PARAMETERS
