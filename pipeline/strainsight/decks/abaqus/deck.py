@@ -282,11 +282,11 @@ def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray],
     family = assembly.families
     for scope in (assembly.scopes[""], *(scope for name, scope in assembly.scopes.items() if name)):
         for key, written in assembly.set_names("NODE", scope).items():
-            rows = assembly.node_set(key, scope, scope.part.keywords[0])
+            rows = assembly.set_rows("NODE", key, scope, scope.part.keywords[0])
             nodes[_qualified_name(written, scope, assembly, used[0])] = np.sort(assembly.node_ids[rows])
         for key, written in assembly.set_names("ELEMENT", scope).items():
             name = names[scope.name, key] = _qualified_name(written, scope, assembly, used[1])
-            rows = assembly.element_set(key, scope, scope.part.keywords[0])
+            rows = assembly.set_rows("ELEMENT", key, scope, scope.part.keywords[0])
             known = rows[family[rows] != ""]
             if known.size or not rows.size:
                 elements[name] = np.sort(assembly.element_ids[known])

@@ -243,19 +243,16 @@ def solid_stiffness(elastic: Keyword) -> FloatArray:
             raise rows[0].error(*fault)
         return orthotropic(*triples)
     pairs = [(i, j) for j in range(6) for i in range(j + 1)]
+    name = ("11", "22", "33", "12", "13", "23")
     if kind == "ORTHOTROPIC":
         pairs = [(i, j) for i, j in pairs if j < 3 or i == j]
     D = np.zeros((6, 6))
     i, j = np.array(pairs).T
-    D[i, j] = D[j, i] = _values(elastic, rows, [f"{_named(a)}{_named(b)}" for a, b in pairs])
+    D[i, j] = D[j, i] = _values(elastic, rows, [f"{name[a]}{name[b]}" for a, b in pairs])
     C = D[np.ix_(OURS, OURS)]
     if fault := stiffness_fault(C):
         raise rows[0].error(*fault)
     return C
-
-
-def _named(i: int) -> str:
-    return ("11", "22", "33", "12", "13", "23")[i]
 
 
 def _values(elastic: Keyword, rows: list[Row], names: tuple[str, ...] | list[str]) -> FloatArray:

@@ -74,8 +74,7 @@ def beam_section(
         section, centroid = _general(rows[0], d), np.zeros(2)
     else:
         section, centroid = _shape(rows[0], shape, d)
-    offsets = [parameter for parameter in ("OFFSET1", "OFFSET2") if parameter in keyword.parameters]
-    if offsets:
+    if {"OFFSET1", "OFFSET2"} & keyword.parameters.keys():
         centroid = centroid - _offset(keyword, shape, d)
     if not shears:
         section = replace(section, shear=(0.0, 0.0))
@@ -260,10 +259,6 @@ def default_axes(corners: FloatArray) -> FloatArray:
 
 SIDES = {"SPOS": 0.5, "SNEG": -0.5}
 CONSTANT = "specify one number; distributions are not supported"
-REFUSED = {
-    "NODALTHICKNESS": "variable thickness is not supported",
-    "SHELLTHICKNESS": "variable thickness is not supported",
-}
 
 
 def shell_section(
@@ -279,9 +274,9 @@ def shell_section(
     thickness and for *SHELL GENERAL SECTION."""
     if keyword.name != "SHELLSECTION":
         raise keyword.error("this keyword is not supported", "use *SHELL SECTION with thickness and material")
-    for parameter, what in REFUSED.items():
+    for parameter in ("NODALTHICKNESS", "SHELLTHICKNESS"):
         if parameter in keyword.parameters:
-            raise keyword.error(f"{parameter}: {what}", "specify one constant thickness")
+            raise keyword.error(f"{parameter}: variable thickness is not supported", "specify one constant thickness")
     nonstructural = keyword.number("DENSITY", 0.0, CONSTANT)
     if nonstructural < 0:
         raise keyword.error(f"DENSITY (mass per area) is {nonstructural:g}, negative", "specify a positive value")
@@ -311,14 +306,9 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
                 "add ORIENTATION=… to the section",
             )
         return nothing
-    name, rows, parameters = (
-        orientation.parameters["NAME"].upper(),
-        orientation.rows(needed=False),
-        orientation.parameters,
-    )
-    simple = parameters.get("SYSTEM", "RECTANGULAR").upper() == "RECTANGULAR" and parameters.get(
-        "DEFINITION", "COORDINATES"
-    ).upper() in ("COORDINATES", "")
+    name, rows = orientation.word("NAME"), orientation.rows(needed=False)
+    by_coordinates = orientation.word("DEFINITION", "COORDINATES") in ("COORDINATES", "")
+    simple = by_coordinates and orientation.word("SYSTEM", "RECTANGULAR") == "RECTANGULAR"
     turn = [row.real(1, "the angle", 0.0) for row in rows[1:2] if simple]
     if not simple or not rows or parse_real(rows[0].text(0)) is None or any(turn):
         if matters:

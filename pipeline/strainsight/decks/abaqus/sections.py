@@ -82,7 +82,7 @@ def read_sections(
         for keyword in scope.part.keywords:
             if keyword.name not in FOR:
                 continue
-            rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
+            rows = assembly.set_rows("ELEMENT", keyword.needs("ELSET"), scope, keyword)
             known = rows[assembly.families[rows] != ""]
             if not known.size and (rows.size or keyword.name != "SOLIDSECTION"):
                 continue

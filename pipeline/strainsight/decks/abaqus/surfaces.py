@@ -90,10 +90,10 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
             assembly.notes.append(f"{keyword.where}: surface {name} has no data lines, so it is empty")
         for row in keyword.rows(needed=False):
             if kind == "NODE":
-                nodes = assembly.node_rows(row.text(0), scope, row)
+                nodes = assembly.rows("NODE", row.text(0), scope, row)
                 parts.shares.append((nodes, np.full(len(nodes), row.real(1, "the area", 1.0))))
                 continue
-            rows = assembly.element_rows(row.text(0), scope, row)
+            rows = assembly.rows("ELEMENT", row.text(0), scope, row)
             if np.isin(family[rows], ("beam", "rod")).any():
                 assembly.notes.append(f"{row.where}: beams and trusses are left out of surface {name} (no facets)")
             solids, label = rows[family[rows] == "solid"], row.text(1).upper()

@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, entity_error, plural
 from strainsight.decks.gmsh.records import KINDS, TYPES, Chunk, NodeRows, remedy
-from strainsight.decks.gmsh.sections import GmshFile, read_file
+from strainsight.decks.gmsh.sections import GmshFile, GmshReader
 from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.assigned_sections import (
@@ -185,7 +185,7 @@ def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, Given
     file. Raises DeckError for unsupported input, with file:line in text files, and UserError for a missing region of a section.
     """
     path = Path(path)
-    file = read_file(path)
+    file = GmshReader(path).read()
     if file.skipped["$PartitionedEntities"]:
         raise error_at(
             path,
@@ -251,8 +251,7 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     elif outside:
         regions[spare] = Region(spare, "solids", 0)
         notes.append("the file has no physical volumes; all elements are in region 1 (solids)")
-    several = [chunk for chunk in solids if len(chunk.groups) > 1]
-    if several:
+    if several := [chunk for chunk in solids if len(chunk.groups) > 1]:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
         notes.append(
             f"elements in several physical volumes ({count} in total, for example in the volumes {both}) belong to the "

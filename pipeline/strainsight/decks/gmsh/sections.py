@@ -67,18 +67,13 @@ def is_gmsh(path: Path) -> bool:
         return False
 
 
-def read_file(path: Path) -> GmshFile:
-    """Read the sections of a gmsh file, unpacked if its name ends in .gz. Raises DeckError for a file that is missing, empty,
-    damaged or has an unsupported version."""
-    return _Reader(read_bytes(Path(path)).removeprefix(b"\xef\xbb\xbf"), str(path)).read()
+class GmshReader:
+    """Reader of the sections of a gmsh file, unpacked if its name ends in .gz. Raises DeckError for a file that is missing,
+    empty, damaged or has an unsupported version."""
 
-
-class _Reader:
-    """Reader of the sections of a file."""
-
-    def __init__(self, content: bytes, path: str):
-        self.content, self.path = content, path
-        self.file = GmshFile(path)
+    def __init__(self, path: Path):
+        self.content, self.path = read_bytes(path).removeprefix(b"\xef\xbb\xbf"), str(path)
+        self.file = GmshFile(self.path)
         self.groups: dict[tuple[int, int], tuple[int, ...]] = {}
         self.binary, self.order, self.size = False, "<", 8
 

@@ -76,11 +76,11 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
             for i, card in enumerate(cards):
                 _check_offt(card)
                 for end in (0, 1):
-                    offset[i, end] = _offset(card, end, int(nodes[i, end]), grids)
+                    local = [card.real(10 + 3 * end + k, "an offset", 0.0) for k in range(3)]  # WA or WB
+                    offset[i, end] = grids.axes.get(int(nodes[i, end]), np.eye(3)) @ local
                     released[i, end, _released_components(card, end)] = True
         along = np.diff(grids.position[nodes] + offset, axis=1)[:, 0]
-        length = np.linalg.norm(along, axis=1)
-        short = ~(length > APART * extent)
+        short = ~(np.linalg.norm(along, axis=1) > APART * extent)
         if short.any():
             raise cards[int(np.argmax(short))].error(
                 "both ends of the element coincide",
@@ -109,12 +109,6 @@ def _check_offt(card: Card) -> None:
     if parse_real(text) is not None:
         raise card.error(f"BIT is {text}: pretwist is not supported", "leave the BIT field blank")
     raise card.error(f"OFFT is {text}: only offsets along nodal axes are supported", "set OFFT to GGG or BGG")
-
-
-def _offset(card: Card, end: int, row: int, grids: Grids) -> FloatArray:
-    """WA or WB along the basic axes."""
-    offset = [card.real(10 + 3 * end + i, "an offset", 0.0) for i in range(3)]
-    return np.asarray(grids.axes.get(row, np.eye(3)) @ offset)
 
 
 def _released_components(card: Card, end: int) -> list[int]:
