@@ -204,8 +204,7 @@ def _lowest_modes(
         else:
             factor = factor or (by(A) if relief is None else factorise_free(A, relief, by))
             if _basis(wanted) <= massive:
-                result = _block_modes(M, count, factor)
-                if result is not None:
+                if (result := _block_modes(M, count, factor)) is not None:
                     return result
                 inverse, shapes = _lanczos(A, M, count, wanted, factor)
             else:

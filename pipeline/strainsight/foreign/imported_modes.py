@@ -115,8 +115,7 @@ AS_LOADED = (
 
 def check_modes(frequency: np.ndarray, where: tuple[str, ...]) -> None:
     """Raise UserError unless every mode (m,) [Hz] has stiffness."""
-    rigid = np.flatnonzero(~(frequency > RIGID * frequency.max(initial=0.0)))
-    if rigid.size:
+    if (rigid := np.flatnonzero(~(frequency > RIGID * frequency.max(initial=0.0)))).size:
         raise UserError(
             f"the structure is free or unstable: a mode is at {frequency[rigid[0]]:.4g} Hz, below {RIGID:g} times the highest "
             f"frequency {frequency.max():.4g} Hz (modes below this limit: {rigid.size})",
@@ -172,8 +171,7 @@ def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding
 def unresolved_rows(mesh: Mesh, imported: ImportedMotion, nodes: np.ndarray) -> np.ndarray:
     """Rows of the translations of nodes, and of the rotations of nodes of shells and beams, that the results do not determine."""
     rows = (3 * nodes[:, None] + np.arange(3)).ravel()
-    turning = np.intersect1d(nodes, mesh.turning)
-    if turning.size:
+    if (turning := np.intersect1d(nodes, mesh.turning)).size:
         rows = np.concatenate([rows, imported.constraint.rotations(turning).ravel()])
     return rows[~imported.known[rows]]
 
@@ -419,8 +417,7 @@ def describe_responses(
     names: tuple[str, ...], results: Results, dropped: int, quasi_static: bool, above: float
 ) -> list[str]:
     notes = []
-    without = [name for i, name in enumerate(names) if i not in results.load]
-    if without:
+    if without := [name for i, name in enumerate(names) if i not in results.load]:
         modes = len(results.frequency)
         notes.append(
             f"the results have no static response to {', '.join(without)}. The strain under such a load lacks the part that "

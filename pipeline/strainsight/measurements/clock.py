@@ -169,8 +169,7 @@ def _without_odd_stamps(recording: Recording) -> tuple[Recording, tuple[str, ...
 
 
 def _check_order(recording: Recording, between: np.ndarray) -> None:
-    wrong = np.flatnonzero(between <= 0)
-    if not wrong.size:
+    if not (wrong := np.flatnonzero(between <= 0)).size:
         return
     i = int(wrong[0])
     t, where = recording.time, recording.place(i + 1)

@@ -24,6 +24,7 @@ from strainsight.measurements.records import (
     quote,
     time_factor,
 )
+from strainsight.text import parse_real
 
 DAMAGED = "the file is truncated or damaged: export it again"
 HEADER = 11
@@ -164,8 +165,8 @@ def _fields(text: str, where: str, what: str, widths: tuple[float, ...]) -> list
         at += abs(int(width))
         if width < 0:
             continue
-        value = 0.0 if not piece else number_of(piece)
-        if value is None or not math.isfinite(value) or (width == int(width) and value != int(value)):
+        value = parse_real(piece or "0")
+        if value is None or (width == int(width) and value != int(value)):
             raise UserError(
                 f"{quote(piece)} is not a valid number in the {what} of dataset 58: {quote(text, 80)}",
                 where=where,
@@ -180,24 +181,6 @@ def _axis(text: str, where: str) -> tuple[int, str | None]:
     (kind,) = _fields(text, where, "axis", (10,))
     unit = text[46:].strip()
     return int(kind), None if unit.upper() in NONE else unit
-
-
-def number_of(piece: str | bytes) -> float | None:
-    """A number in Fortran format, also 1.5D-3 and 1.5-103; None if it is not a number."""
-    text = piece.decode("latin-1") if isinstance(piece, bytes) else piece
-    if "_" in text:
-        return None
-    text = text.strip().upper().replace("D", "E")
-    try:
-        return float(text)
-    except ValueError:
-        pass
-    # Fortran omits the letter of three-digit exponents: 1.5-105
-    at = max(text.rfind("+"), text.rfind("-"))
-    try:
-        return float(f"{text[:at]}E{text[at:]}") if at > 0 else None
-    except ValueError:
-        return None
 
 
 def known_names(functions: Sequence[Function]) -> Mapping[str, list[Function]]:
@@ -224,8 +207,7 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
     the dataset for a binary file."""
     path = Path(path)
     with open_file(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        known = known_names(list(_functions(file, path, size)))
+        known = known_names(list(_functions(file, path, os.fstat(file.fileno()).st_size)))
         chosen = [_chosen(name, known, path) for name in channels]
         read = {name: _read(file, path, each, name, time_unit) for name, each in zip(channels, chosen, strict=True)}
     if not read:
@@ -283,10 +265,10 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
                 raise UserError("the file ends inside the header of a function", where=where, remedy=DAMAGED)
             first = lines.number - HEADER + 1 if lines.counts else 0
             function = function_of(number, identifier, records, first, file.tell(), where, si=si)
+            yield function
             if function.order:
                 lines.counts = False
                 file.seek(_end_of_binary(file, path, function, size)[1])
-                yield function
                 continue
             if function.count * sum(function.layout) > 2 * size:
                 raise UserError(
@@ -294,7 +276,6 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
                     where=where,
                     remedy=DAMAGED,
                 )
-            yield function
         elif kind == b"164":
             si = lines.next()[:10].strip() == b"1"  # metre and newton
         elif not kind.isdigit():
@@ -410,12 +391,12 @@ def _text(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
 
 
 def _number(piece: bytes, path: Path, function: Function, line: int) -> float:
-    if (value := number_of(piece)) is not None:
+    text = decode(piece.strip())
+    if (value := math.nan if text.lower() == "nan" else parse_real(text)) is not None:
         return value
-    text = quote(decode(piece.strip()))
-    wide = piece.strip().startswith(b"*")
+    wide = text.startswith("*")
     raise UserError(
-        f"{text} is not a number"
+        f"{quote(text)} is not a number"
         + (": it exceeds its column width" if wide else f"; the header declares {function.count} values"),
         where=f"{path}:{line}" if function.line else _where(path, function),
         remedy="export the file in double precision, or binary" if wide else DAMAGED,

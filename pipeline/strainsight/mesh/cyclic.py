@@ -387,8 +387,7 @@ def whole_ring(
     new = np.zeros(count * n, dtype=np.int64)
     new[unique_nodes] = np.arange(len(unique_nodes))
     at = new[into].reshape(count, n)
-    largest = max([int(mesh.node_ids.max()), *(int(block.ids.max()) for block in mesh.blocks)])
-    shift = 10 ** len(str(largest))
+    shift = 10 ** len(str(max(int(ids.max()) for ids in (mesh.node_ids, *(block.ids for block in mesh.blocks)))))
     ring = Copies(mesh, turns, c, at, unique_nodes, shift).build()
     return Ring(ring, at, shift, tuple((np.unique(new[into[a]]), np.unique(new[into[b]])) for a, b in loose))
 

@@ -30,15 +30,13 @@ class LossSearch:
         """A layout of gauges of `chosen`, which are too many or too expensive: the one whose removal leaves the least measure
         goes first, the lower index on a tie."""
         while True:
-            broken = self.limits.used(np.array(chosen)) > self.limits.most
-            if not broken.any():
+            if not (broken := self.limits.used(np.array(chosen)) > self.limits.most).any():
                 break
             part = self.limits.rows[broken].sum(axis=0)
             least, rest = (len(chosen), np.inf), chosen
             for out in (g for g in chosen if g not in self.limits.fixed and part[g] > 0):
                 others = [g for g in chosen if g != out]
-                loss = self.losses(others, (least[0], least[1] * (1 - TIE)))
-                if loss:
+                if loss := self.losses(others, (least[0], least[1] * (1 - TIE))):
                     least, rest = measure(loss), others
             chosen = rest
         return chosen
@@ -91,8 +89,7 @@ class LossSearch:
             out, into = chosen[i], others[j]
             swapped = sorted({*chosen, into} - {out})
             likely = [chosen[g] for g in tied_order(-bounds[:, i, j]) if g != i]
-            new = self.losses(swapped, (fatal, enough), [into, *likely], {into: loss[out]})
-            if new:
+            if new := self.losses(swapped, (fatal, enough), [into, *likely], {into: loss[out]}):
                 return out, into, new
         return None
 
@@ -110,8 +107,7 @@ class LossSearch:
         for at in tied_order(least):
             if least[at] >= enough or self.solves >= self.limit:
                 break
-            new = self.losses(sorted([*chosen, room[at]]), (fatal, enough))
-            if new:
+            if new := self.losses(sorted([*chosen, room[at]]), (fatal, enough)):
                 return -1, room[at], new
         return None
 

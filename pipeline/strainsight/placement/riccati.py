@@ -44,8 +44,7 @@ class Information:
 
     def squared(self, P: np.ndarray) -> np.ndarray:
         """P G P (n, n), of symmetric P."""
-        R = self.needed(P)
-        if R is None:
+        if (R := self.needed(P)) is None:
             return np.asarray(P @ self.G @ P)
         B = P @ R.T
         return B @ B.T

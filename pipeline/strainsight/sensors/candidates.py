@@ -275,8 +275,7 @@ def tangents(normal: np.ndarray) -> np.ndarray:
 
 def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.ndarray, key: str) -> np.ndarray:
     a = unit_vector(axis, "the gauge axis")
-    steep = np.abs(n @ a) > np.cos(np.deg2rad(STEEPEST))
-    if steep.any():
+    if (steep := np.abs(n @ a) > np.cos(np.deg2rad(STEEPEST))).any():
         first = keep[np.argmax(steep)]
         raise InfeasibleError(
             f"the gauge axis is within {STEEPEST:g}° of the normal of {np.count_nonzero(steep)} of {keep.size} facets "

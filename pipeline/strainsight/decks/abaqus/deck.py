@@ -120,8 +120,7 @@ def read_abaqus(
     ignored.update({card: len(steps) for card, steps in loaded.items()})
     node_sets, element_sets, set_names = _sets(assembly)
     sections = read_sections(assembly, keywords, set_names, ignored, required, materials_required)
-    left = assembly.element_ids[sections.left]
-    if left.size:
+    if (left := assembly.element_ids[sections.left]).size:
         element_sets = {name: np.setdiff1d(ids, left) for name, ids in element_sets.items()}
     blocks = cell_blocks(assembly, sections.region)
     _check_connectivity(assembly, blocks)

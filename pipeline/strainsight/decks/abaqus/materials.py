@@ -162,8 +162,7 @@ def _type(definition: Definition) -> str:
 
 def _material(definition: Definition, number: int, notes: list[str]) -> Material:
     name = definition.keyword.parameters["NAME"]
-    elastic = definition.options.get("ELASTIC")
-    if elastic is None:
+    if (elastic := definition.options.get("ELASTIC")) is None:
         raise definition.keyword.error(
             f"a section refers to material {name!r}, but this material has no *ELASTIC",
             f"add an *ELASTIC with Young's modulus and Poisson's ratio{OR_CONFIG}",
@@ -316,8 +315,7 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     by coordinates; then rotated by an angle [deg] about axis 1, 2 or 3 of the second line. None without a name.
 
     Raises DeckError for a missing orientation, distributions, and other systems and definitions."""
-    orientation = named_orientation(assembly, scope, by, name)
-    if orientation is None:
+    if (orientation := named_orientation(assembly, scope, by, name)) is None:
         return None
     system = orientation.word("SYSTEM", "RECTANGULAR").replace(" ", "")
     definition = orientation.word("DEFINITION", "COORDINATES")
@@ -336,8 +334,7 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     points = np.array([first.real(i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
     if system == "CYLINDRICAL":
         origin, z = points[0], points[1] - points[0]
-        aside = np.eye(3)[np.argmin(np.abs(z))]
-        y = np.cross(z, aside)
+        y = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
         axes, kind = orthonormal(np.cross(y, z), z, first), "cylindrical"
     else:
         origin, kind = points[2], "rectangular"

@@ -179,8 +179,7 @@ class Assembly:
     def set_rows(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
         """Rows of the set of this kind and name, also if the name is a number; DeckError if it does not exist."""
         within, name = self.split_name(entry, scope)
-        rows = self._set(kind, name.upper(), within, ())
-        if rows is None:
+        if (rows := self._set(kind, name.upper(), within, ())) is None:
             raise row.error(f"{kind.lower()} set {entry!r} is not in the deck", "correct the set name, or add the set")
         return rows
 

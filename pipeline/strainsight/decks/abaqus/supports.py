@@ -286,8 +286,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
             )
         terms: list[tuple[Row, int]] = []
         while len(terms) < count:
-            row = next(rows, None)
-            if row is None:
+            if (row := next(rows, None)) is None:
                 raise start.error(
                     f"{count} terms are declared, but {len(terms)} are defined",
                     "add the missing terms, or correct the number of terms",
@@ -305,8 +304,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
 
 def _term(assembly: Assembly, scope: Scope, row: Row, at: int) -> Term:
     component = row.component(at + 1)
-    nodes = assembly.rows("NODE", row.text(at), scope, row)
-    if not nodes.size:
+    if not (nodes := assembly.rows("NODE", row.text(at), scope, row)).size:
         raise row.error(
             f"node set {row.text(at)!r} is empty", "add nodes to this node set, or remove the term from the equation"
         )

@@ -63,8 +63,7 @@ class Keyword:
 
     def needs(self, parameter: str) -> str:
         """Value of a parameter; DeckError if it is missing or empty."""
-        value = self.parameters.get(parameter.replace(" ", ""), "")
-        if not value:
+        if not (value := self.parameters.get(parameter.replace(" ", ""), "")):
             raise self.error(f"{parameter} is missing", f"add {parameter}=…")
         return value
 
@@ -220,8 +219,7 @@ def _expand_include(line: Line, path: Path, includes: Includes, parents: tuple[P
         yield line
         return
     above = (*parents, path.resolve())
-    target = includes.file(_keyword(line).needs("INPUT"), "*INCLUDE", line, above)
-    yield from _lines(target, includes, above)
+    yield from _lines(includes.file(_keyword(line).needs("INPUT"), "*INCLUDE", line, above), includes, above)
 
 
 def _keyword(line: Line) -> Keyword:

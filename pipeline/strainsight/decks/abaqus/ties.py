@@ -197,8 +197,7 @@ def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[st
 
 
 def _remove_reference(nodes: IntArray, reference: int, at: Keyword | Row) -> IntArray:
-    rest = nodes[nodes != reference]
-    if not rest.size:
+    if not (rest := nodes[nodes != reference]).size:
         raise at.error("the only tied node is the reference node", "add the dependent nodes to the node set or surface")
     return rest
 
@@ -250,8 +249,7 @@ def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, 
             continue
         for row in keyword.rows():
             first, second = (surfaces.find(row.text(i), scope, row) for i in (0, 1))
-            size = facet_size(mesh, first, second)
-            if size is None:
+            if (size := facet_size(mesh, first, second)) is None:
                 refused.setdefault(OF_THIN, []).append(row.where)
                 continue
             within = keyword.number("POSITION TOLERANCE", TOLERANCE * size, "specify a distance")
@@ -308,8 +306,7 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     Faces of a model with CONTACT press on those through their *CONTACT PAIR and are not sector
     faces. Raises DeckError for sectors of several numbers or axes (multistage), and for errors of `whole_ring`."""
     assembly = surfaces.assembly
-    models = list(assembly.keywords(SECTOR))
-    if not models:
+    if not (models := list(assembly.keywords(SECTOR))):
         return mesh, surfaces
     first = models[0][1]
     count, axis = _sector_of(first)

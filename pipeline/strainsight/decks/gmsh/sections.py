@@ -80,8 +80,7 @@ class GmshReader:
     def read(self) -> GmshFile:
         at, section_names = 0, set[str]()
         while (at := _BLANKS.match(self.content, at).end()) < len(self.content):  # type: ignore[union-attr]
-            header = _HEADER.match(self.content, at)
-            if not header:
+            if not (header := _HEADER.match(self.content, at)):
                 raise self._error("the line is not the start of a section, such as $Nodes", at)
             name = header[1].decode("latin-1")
             if not self.file.version and name not in ("MeshFormat", "Comments"):
@@ -134,8 +133,7 @@ class GmshReader:
             self.order = "<" if rest[0] else ">"
 
     def _names(self, body: bytes, start: int) -> None:
-        line = self._line(start)
-        rows = [(n, row) for n, row in enumerate(body.split(b"\n"), line) if row.strip()]
+        rows = [(n, row) for n, row in enumerate(body.split(b"\n"), self._line(start)) if row.strip()]
         for number, row in rows[1:]:
             text = row.decode("utf-8", "replace")
             match = _NAME.fullmatch(text)

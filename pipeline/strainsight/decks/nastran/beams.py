@@ -80,8 +80,7 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
                     offset[i, end] = grids.axes.get(int(nodes[i, end]), np.eye(3)) @ local
                     released[i, end, _released_components(card, end)] = True
         along = np.diff(grids.position[nodes] + offset, axis=1)[:, 0]
-        short = ~(np.linalg.norm(along, axis=1) > APART * extent)
-        if short.any():
+        if (short := ~(np.linalg.norm(along, axis=1) > APART * extent)).any():
             raise cards[int(np.argmax(short))].error(
                 "both ends of the element coincide",
                 "move a node, correct the offsets, or remove the element",
@@ -127,8 +126,7 @@ def _released_components(card: Card, end: int) -> list[int]:
 
 def _orientation(card: Card, A: int, grids: Grids) -> FloatArray:
     """Orientation vector v (3,) along the basic axes."""
-    v = grids.direction(card, A, basic=card.text(7).upper().startswith("B"))
-    if v is None:
+    if (v := grids.direction(card, A, basic=card.text(7).upper().startswith("B"))) is None:
         raise card.error(f"the orientation is missing: G0, X1 to X3, or a {DEFAULTS[card.name]}", "specify G0 or X1-X3")
     return v
 

@@ -144,8 +144,7 @@ def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
         if match:
             definitions.append((_id(match[1], line.where), [], line.where))
         if match or continued:
-            text = match[2] if match else line.text
-            definitions[-1][1].extend(text.replace(",", " ").upper().split())
+            definitions[-1][1].extend((match[2] if match else line.text).replace(",", " ").upper().split())
             continued = line.text.endswith(",")
     return definitions
 

@@ -176,8 +176,7 @@ class Grids:
 def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
     """Read GRID; blank fields CP, CD and PS have the values of GRDSET. Raises DeckError for a deck without GRID, a duplicate id,
     and a missing system."""
-    grids = cards.of("GRID")
-    if not grids:
+    if not (grids := cards.of("GRID")):
         raise error_at(path, "the deck contains no GRID card", "check that the file is the input deck of the model")
     if long := [card for card in grids if len(card.tokens) > 8 and any(card.tokens[8:])]:
         raise long[0].error(

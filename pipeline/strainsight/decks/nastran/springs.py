@@ -91,8 +91,7 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
             continue
         component = card.component(at + 1)
         row = grids.nodes.row(card.integer(at, "the node id"), card)
-        axis = grids.axes.get(row, np.eye(3))[:, component % 3]
-        ends.append((row, 3 * (component // 3), sign * axis))
+        ends.append((row, 3 * (component // 3), sign * grids.axes.get(row, np.eye(3))[:, component % 3]))
     if not ends:
         raise card.error("the spring is not connected to a node", "specify a node and its component")
     if len({first for _, first, _ in ends}) > 1:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from scipy import sparse
 
-from strainsight.decks.text import describe_non_integer, error_at, parse_integer, read_text
+from strainsight.decks.text import describe_non_integer, error_at, parse_integer, read_text, text_lines
 from strainsight.errors import DeckError
 from strainsight.foreign.matrices.formats import (
     LARGEST,
@@ -25,7 +25,6 @@ from strainsight.foreign.matrices.formats import (
     Column,
     binary_matrices,
     read_calculix,
-    read_dofs,
     read_market,
     text_matrices,
 )
@@ -188,8 +187,7 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
             "write one line node,component for each matrix row",
         )
     _, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
-    again = np.flatnonzero(first[inverse.ravel()] != np.arange(len(pairs)))
-    if again.size:
+    if (again := np.flatnonzero(first[inverse.ravel()] != np.arange(len(pairs)))).size:
         row = int(again[0])
         raise error_at(
             f"{path}:{lines[row]}",
@@ -197,6 +195,18 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
             f"correct this line or line {lines[int(first[inverse.ravel()[row]])]}, so that every row is unique",
         )
     return pairs[:, 0], pairs[:, 1]
+
+
+def read_dofs(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line number, and node and component of every row "17.3". Raises DeckError for other lines."""
+    for number, line in enumerate(text_lines(path), start=1):
+        if text := line.strip():
+            node, dot, component = text.partition(".")
+            if not dot:
+                raise error_at(
+                    f"{path}:{number}", f"{text[:40]!r} is not of the form node.component", "export the file again"
+                )
+            yield number, [node, component]
 
 
 def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[str]]]:
@@ -256,8 +266,7 @@ def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def _integer(cell: str, path: Path, number: int) -> int:
-    value = parse_integer(cell)
-    if value is None:
+    if (value := parse_integer(cell)) is None:
         remedy = "write node ids and components as integers"
         raise error_at(f"{path}:{number}", describe_non_integer("the node id or component", cell[:40]), remedy)
     return value

@@ -176,8 +176,7 @@ class _Lines:
 
     def next(self) -> bytes:
         self.number += 1
-        line = next(self.lines, None)
-        if line is None:
+        if (line := next(self.lines, None)) is None:
             raise damage_error("the file ends inside a matrix", self.where)
         return line.rstrip(b"\r\n")
 
@@ -418,15 +417,3 @@ def _entries(path: Path) -> np.ndarray:
             raise error_at(f"{path}:{number}", message, WRITE_AGAIN)
         rows += [values] if values else []
     return np.array(rows, dtype=float)
-
-
-def read_dofs(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number, and node and component of every row "17.3". Raises DeckError for other lines."""
-    for number, line in enumerate(text_lines(path), start=1):
-        if text := line.strip():
-            node, dot, component = text.partition(".")
-            if not dot:
-                raise error_at(
-                    f"{path}:{number}", f"{text[:40]!r} is not of the form node.component", "export the file again"
-                )
-            yield number, [node, component]

@@ -128,8 +128,7 @@ def integers(text: np.ndarray, place: Callable[[int], str]) -> IntArray:
 
 
 def _parse_word(parse: Callable[[str], T | None], word: bytes, place: Callable[[int], str], row: int) -> T:
-    value = parse(word.decode("latin-1").strip())
-    if value is None:
+    if (value := parse(word.decode("latin-1").strip())) is None:
         text = " ".join(word.decode("latin-1").split())
         raise damage_error(f"{text!r} is not a finite number", place(row))
     return value
@@ -164,8 +163,7 @@ def printed_modes(path: Path) -> Iterator[Response]:
     (CD); scalar points are left out. Raises DeckError with the line for unreadable data, and for a file without modes."""
     is_f06 = ".f06" in (ending.lower() for ending in path.suffixes)
     steps = _of_nastran(path) if is_f06 else _of_calculix(path)
-    steps_with_modes = [step for step in steps if step.eigenvalue]
-    if not steps_with_modes:
+    if not (steps_with_modes := [step for step in steps if step.eigenvalue]):
         what = "R E A L   E I G E N V A L U E S" if is_f06 else "E I G E N V A L U E   O U T P U T"
         raise error_at(
             path,
@@ -235,7 +233,6 @@ def _of_calculix(path: Path) -> list[_Step]:
 
 
 def _real(word: str, path: Path, line: int) -> float:
-    value = parse_real(word)
-    if value is None:
+    if (value := parse_real(word)) is None:
         raise damage_error(f"{word!r} is not a finite number", f"{path}:{line}")
     return value
