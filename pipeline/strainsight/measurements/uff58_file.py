@@ -79,11 +79,6 @@ class Function:
         return (() if self.even else (13,)) + (wide,) * (2 if self.complex_ else 1)
 
     @property
-    def per_line(self) -> int:
-        """Values on a line of text: 6E13.5, 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12."""
-        return 80 // sum(self.layout)
-
-    @property
     def sizes(self) -> tuple[tuple[int, ...], ...]:
         """Bytes of the numbers of one value in binary. The standard abscissa is single precision; some programs write double."""
         ordinate = (8 if self.double else 4,) * (2 if self.complex_ else 1)
@@ -183,15 +178,6 @@ def _axis(text: str, where: str) -> tuple[int, str | None]:
     return int(kind), None if unit.upper() in NONE else unit
 
 
-def known_names(functions: Sequence[Function]) -> Mapping[str, list[Function]]:
-    """Name → functions with this name."""
-    functions_by_name: dict[str, list[Function]] = {}
-    for function in functions:
-        for name in dict.fromkeys(function.names):
-            functions_by_name.setdefault(name, []).append(function)
-    return functions_by_name
-
-
 _LONGEST = 4096
 """Longest line [bytes]; records have 80."""
 _TIME_RESPONSE, _TIME = 1, 17
@@ -207,7 +193,10 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
     the dataset for a binary file."""
     path = Path(path)
     with open_file(path) as file:
-        known = known_names(list(_functions(file, path, os.fstat(file.fileno()).st_size)))
+        known: dict[str, list[Function]] = {}
+        for function in _functions(file, path, os.fstat(file.fileno()).st_size):
+            for word in dict.fromkeys(function.names):
+                known.setdefault(word, []).append(function)
         chosen = [_chosen(name, known, path) for name in channels]
         read = {name: _read(file, path, each, name, time_unit) for name, each in zip(channels, chosen, strict=True)}
     if not read:
@@ -329,12 +318,8 @@ def _read(
     """Time (T,) [s] and values (T,) of a function."""
     where = _where(path, function)
     if function.complex_ or function.kind not in (0, _TIME_RESPONSE):
-        description = (
-            "the function has complex values"
-            if function.complex_
-            else f"the function type {function.kind} is not a time response"
-        )
-        raise UserError(description, where=where, remedy="export the time signal of this channel")
+        what = "has complex values" if function.complex_ else f"type {function.kind} is not a time response"
+        raise UserError(f"the function {what}", where=where, remedy="export the time signal of this channel")
     if function.abscissa != _TIME and not (function.kind == _TIME_RESPONSE and function.abscissa in (0, 1)):
         raise UserError(
             f"the abscissa has data type {function.abscissa} instead of 17 (time)",
@@ -367,7 +352,8 @@ def _text(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
     """(T, numbers a value) from lines with fixed columns."""
     file.seek(function.offset)
     values_, width = array("d"), len(function.layout)
-    ends = np.cumsum(function.layout * function.per_line).tolist()
+    # 6E13.5, 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12 on a line
+    ends = np.cumsum(function.layout * (80 // sum(function.layout))).tolist()
     columns = list(zip([0, *ends[:-1]], ends, strict=True))
     left, line_number = function.count * width, function.line
     while left > 0:

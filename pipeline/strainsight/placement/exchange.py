@@ -126,18 +126,17 @@ def exchange(
         raise ValueError("an exchange of gauges must start from a set of gauges that makes every unknown observable")
     costs = [_cost(pools, loops, aggregate)]
     swaps: list[tuple[int, int]] = []
-    solves, complete = 0, False
-    while not complete:
+    solves = 0
+    while True:
         result, number, stopped = _first_gain(pools, loops, chosen, aggregate, bounded, costs[-1], limit - solves)
         solves += number
         if result is None:
-            complete = not stopped
             break
         out, into, loops = result
         chosen = _swap(chosen, out, into)
         swaps.append((out, into))
         costs.append(_cost(pools, loops, aggregate))
-    return Exchange(chosen, np.array(costs), tuple(swaps), solves, complete)
+    return Exchange(chosen, np.array(costs), tuple(swaps), solves, not stopped)
 
 
 def _first_gain(

@@ -212,12 +212,11 @@ def concatenate(parts: Sequence[Candidates]) -> Candidates:
     bridged = [(part.arms, first) for part, first in zip(parts, channels[:-1], strict=True) if part.arms is not None]
     arms = None
     if bridged:
-        channel = np.concatenate([part_arms.channel + first for part_arms, first in bridged])
-        sign, grid = (
+        arms = Arms(
+            np.concatenate([part_arms.channel + first for part_arms, first in bridged]),
             np.concatenate([part_arms.sign for part_arms, _ in bridged]),
             concatenate([part_arms.grid for part_arms, _ in bridged]),
         )
-        arms = Arms(channel, sign, grid)
     return Candidates(**columns, arms=arms)
 
 

@@ -72,10 +72,7 @@ OF_CONTACT = re.compile(
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
-    "PARAMETER": (
-        "named variables are not supported",
-        "write a number instead of each <name>, and remove *PARAMETER",
-    ),
+    "PARAMETER": ("named variables are not supported", "write a number instead of each <name>, and remove *PARAMETER"),
     "MANIFEST": ("an assembly of several decks (*MANIFEST) is not supported", "export the complete model as one deck"),
 }
 

@@ -350,10 +350,5 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
         raise rows[1].error(
             f"the rotation axis of the *ORIENTATION is {about}, not 1, 2 or 3", "correct the first entry of this line"
         )
-    turn = rotate_axes(about, rows[1].real(1, "the angle", 0.0))
+    turn = rotation(np.eye(3)[about - 1], np.radians(rows[1].real(1, "the angle", 0.0)))
     return SolidAxes(Orientation(moved, turn), about if rows[1].text(0) else None, orientation.where)
-
-
-def rotate_axes(about: int, degrees: float) -> FloatArray:
-    """Axes (3, 3), one in a column, rotated by an angle [deg] about axis 1, 2 or 3."""
-    return rotation(np.eye(3)[about - 1], np.radians(degrees))

@@ -6,21 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.decks.abaqus.materials import (
-    Materials,
-    SolidAxes,
-    named_orientation,
-    rectangular_axes,
-    rotate_axes,
-    solid_axes,
-)
+from strainsight.decks.abaqus.materials import Materials, SolidAxes, named_orientation, rectangular_axes, solid_axes
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import elastic_fault
 from strainsight.decks.text import parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import STACKED, CompositeSolid, Layer, Orientation
-from strainsight.mesh.coordinates import BASIC
+from strainsight.mesh.coordinates import BASIC, rotation
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.section_shapes import section_of_shape
@@ -384,7 +377,7 @@ def _layer(
             "define the rotation axis",
             "add a second line to this *ORIENTATION: the axis normal to the layers (1, 2 or 3), and the angle 0",
         )
-    turn = layer_axes.orientation.turn @ rotate_axes(layer_axes.about, angle)
+    turn = layer_axes.orientation.turn @ rotation(np.eye(3)[layer_axes.about - 1], np.radians(angle))
     return Layer(material, t, replace(layer_axes.orientation, turn=turn))
 
 

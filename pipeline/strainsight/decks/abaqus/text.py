@@ -1,4 +1,4 @@
-"""Abaqus and CalculiX decks as keywords with parameters and data lines; comments, continuations and included files are resolved.
+"""Abaqus and CalculiX decks as keywords with parameters and data lines, with included files, by part, instance and step.
 
 meshio is not used: it merges the instances of an assembly, loses materials and fails at unknown element types."""
 

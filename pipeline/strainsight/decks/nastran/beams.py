@@ -82,8 +82,7 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         along = np.diff(grids.position[nodes] + offset, axis=1)[:, 0]
         if (short := ~(np.linalg.norm(along, axis=1) > APART * extent)).any():
             raise cards[int(np.argmax(short))].error(
-                "both ends of the element coincide",
-                "move a node, correct the offsets, or remove the element",
+                "both ends of the element coincide", "move a node, correct the offsets, or remove the element"
             )
         if kind == "beam":
             v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])

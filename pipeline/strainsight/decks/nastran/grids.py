@@ -145,10 +145,7 @@ class NodeTable(IdTable):
     def _fault(self, node_id: int) -> tuple[str, str]:
         ids = np.array([node_id])
         if any((expand(card.tokens, ids, card.where)[0] == node_id).any() for card in self._scalar):
-            return (
-                f"node {node_id} is a scalar point (SPOINT), which is not supported",
-                "define the node as a GRID",
-            )
+            return f"node {node_id} is a scalar point (SPOINT), which is not supported", "define the node as a GRID"
         return f"node {node_id} is not in the deck", f"add a GRID card with id {node_id}, or correct the id"
 
 

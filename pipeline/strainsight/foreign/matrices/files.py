@@ -17,17 +17,10 @@ import numpy as np
 from numpy.lib import format as npy
 from scipy import sparse
 
-from strainsight.decks.text import describe_non_integer, error_at, parse_integer, read_text, text_lines
+from strainsight.decks.text import describe_non_integer, error_at, parse_integer, read_text
 from strainsight.errors import DeckError
-from strainsight.foreign.matrices.formats import (
-    LARGEST,
-    MARKERS,
-    Column,
-    binary_matrices,
-    read_calculix,
-    read_market,
-    text_matrices,
-)
+from strainsight.foreign.matrices.calculix import read_calculix, read_dofs
+from strainsight.foreign.matrices.formats import LARGEST, MARKERS, Column, binary_matrices, read_market, text_matrices
 from strainsight.memory import require_memory
 from strainsight.text import plain_cell
 
@@ -195,18 +188,6 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
             f"correct this line or line {lines[int(first[inverse.ravel()[row]])]}, so that every row is unique",
         )
     return pairs[:, 0], pairs[:, 1]
-
-
-def read_dofs(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number, and node and component of every row "17.3". Raises DeckError for other lines."""
-    for number, line in enumerate(text_lines(path), start=1):
-        if text := line.strip():
-            node, dot, component = text.partition(".")
-            if not dot:
-                raise error_at(
-                    f"{path}:{number}", f"{text[:40]!r} is not of the form node.component", "export the file again"
-                )
-            yield number, [node, component]
 
 
 def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[str]]]:
