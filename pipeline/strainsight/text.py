@@ -135,3 +135,19 @@ def safe_cell(cell: str) -> str:
 def plain_cell(cell: str) -> str:
     """A text as it was before `safe_cell`."""
     return cell[1:] if cell[:1] == MARK and cell[1:2] and cell[1] in FORMULA + MARK else cell
+
+
+_SHORT_REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]?([+-]?\d+)")
+
+
+def parse_real(token: str) -> float | None:
+    """A finite real in any form of Fortran (1.7E-4, 1.7D-4, 1.7-4), or None."""
+    if "_" in token or not token:
+        return None
+    try:
+        value = float(token)
+    except ValueError:
+        if not (short := _SHORT_REAL.fullmatch(token)):
+            return None
+        value = float(f"{short[1]}e{short[2]}")
+    return value if math.isfinite(value) else None

@@ -15,7 +15,6 @@ from strainsight.config.yaml_text import YamlProblem, parse
 from strainsight.decks.text import LARGEST_ID, parse_integer, parse_real
 from strainsight.errors import SPACES, UserError, printable
 from strainsight.foreign.matrices.files import read_matrix
-from strainsight.measurements.uff58_file import number_of
 
 from .readers import fault_of
 from .readers import read_deck as read_any_deck
@@ -79,10 +78,9 @@ def test_cards_of_any_words(tmp_path_factory, text):
 @FEW
 @given(st.text(max_size=12) | st.from_regex(r"[-+]?[0-9.]{1,8}[eEdD]?[-+]?[0-9]{0,5}", fullmatch=True))
 def test_numbers_of_decks_are_finite_or_none(token):
-    real, whole, universal = parse_real(token), parse_integer(token), number_of(token)
+    real, whole = parse_real(token), parse_integer(token)
     assert real is None or np.isfinite(real)
     assert whole is None or abs(whole) < LARGEST_ID
-    assert universal is None or isinstance(universal, float)
 
 
 @FEW

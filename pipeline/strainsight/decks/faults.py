@@ -39,8 +39,7 @@ def notes_and_doubts(messages: Iterable[str]) -> tuple[tuple[str, ...], tuple[st
 def find_duplicate(ids: IntArray) -> tuple[int, int] | None:
     """Positions of the first repeated id, in the order of the file; None if all ids are unique."""
     order = np.argsort(ids, kind="stable")
-    again = np.flatnonzero(np.diff(ids[order]) == 0)
-    if not again.size:
+    if not (again := np.flatnonzero(np.diff(ids[order]) == 0)).size:
         return None
     at = again[np.argmin(order[again + 1])]
     return int(order[at]), int(order[at + 1])
@@ -67,8 +66,7 @@ def find_coincident(nodes: IntArray) -> tuple[int, int] | None:
     """Two rows of nodes (m, k) with the same nodes, the earlier one first."""
     ordered = np.sort(nodes, axis=1)
     by_nodes = np.lexsort(ordered.T)
-    same = np.flatnonzero(np.all(np.diff(ordered[by_nodes], axis=0) == 0, axis=1))
-    if not same.size:
+    if not (same := np.flatnonzero(np.all(np.diff(ordered[by_nodes], axis=0) == 0, axis=1))).size:
         return None
     a, b = sorted((int(by_nodes[same[0]]), int(by_nodes[same[0] + 1])))
     return a, b

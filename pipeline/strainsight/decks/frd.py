@@ -104,8 +104,7 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
     text = np.frombuffer(read_exactly(file, block.rows * length, where), np.uint8).reshape(block.rows, length)
     if (text[:, :3] == np.frombuffer(b" -1", np.uint8)).all() and (text[:, -1] == ord("\n")).all():
         ids, last = text[:, 3 : 3 + width].tobytes(), 3 + width + NUMBER * k
-        columns = np.ascontiguousarray(text[:, 3 + width : last]).view(f"S{NUMBER}")
-        values = columns.astype(float)
+        values = np.ascontiguousarray(text[:, 3 + width : last]).view(f"S{NUMBER}").astype(float)
     else:  # a number as -1.00000E-100 makes its line longer
         file.seek(start)
         lines = [file.readline() for _ in range(block.rows)]

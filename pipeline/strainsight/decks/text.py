@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import math
 import re
 import zlib
 from abc import ABC, abstractmethod
@@ -15,6 +14,7 @@ from typing import BinaryIO, NamedTuple, cast
 
 from strainsight.decks.faults import Doubt
 from strainsight.errors import DeckError
+from strainsight.text import parse_real as parse_real
 
 LARGEST = 4 * 1024**3
 """Largest unpacked size of a file [bytes]."""
@@ -155,8 +155,7 @@ class Includes:
         bases = list(dict.fromkeys([self.folders[0], Path(line.file).resolve().parent][:: -1 if nearest else 1]))
         bases += [folder for folder in self.folders if folder not in bases]
         targets = [base / spelling for spelling in dict.fromkeys([name, name.replace("\\", "/")]) for base in bases]
-        files = [target for target in targets if _is_file(target)]
-        if not files:
+        if not (files := [target for target in targets if _is_file(target)]):
             files = [target for base in bases for target in _but_for_capitals(base, name.replace("\\", "/"))]
             self.notes += (
                 [f"{word} {name!r} ({line.where}): read from {files[0]}; the two names differ in upper and lower case"]
@@ -238,7 +237,6 @@ def _in_one(path: Path, folders: Sequence[Path]) -> bool:
     return any(path.is_relative_to(folder) for folder in folders)
 
 
-_SHORT_REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]?([+-]?\d+)")
 _WHOLE = re.compile(r"[+-]?\d+")
 LARGEST_ID = 10**12
 """Limit of ids and other integers, so that ids of many instances stay distinct in 64 bits."""
@@ -265,20 +263,6 @@ def describe_non_integer(what: str, token: str) -> str:
     if is_whole(token):
         return f"{what} is {token[:24]}, too large (the limit is 10^12)"
     return f"{what} is {repr(token) if token else 'blank'}, not an integer"
-
-
-def parse_real(token: str) -> float | None:
-    """A finite real in any of Nastran's forms (1.7E-4, 1.7D-4, 1.7-4), or None."""
-    if "_" in token or not token:
-        return None
-    try:
-        value = float(token)
-    except ValueError:
-        short = _SHORT_REAL.fullmatch(token)
-        if not short:
-            return None
-        value = float(f"{short[1]}e{short[2]}")
-    return value if math.isfinite(value) else None
 
 
 def entry(entries: Sequence[str], i: int) -> str:
@@ -311,8 +295,7 @@ class Entries(ABC):
         token = entry(self.tokens, i)
         if not token and default is not None:
             return default
-        value = parse_integer(token)
-        if value is None:
+        if (value := parse_integer(token)) is None:
             raise self.error(describe_non_integer(f"{meaning} ({self.WORD} {i + self.FIRST})", token))
         return value
 
@@ -331,8 +314,7 @@ class Entries(ABC):
         token = entry(self.tokens, i)
         if not token and default is not None:
             return default
-        value = parse_real(token)
-        if value is None:
+        if (value := parse_real(token)) is None:
             raise self.error(
                 f"{meaning} ({self.WORD} {i + self.FIRST}) is {repr(token) if token else 'blank'}, not a number"
             )

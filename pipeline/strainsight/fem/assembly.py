@@ -109,8 +109,7 @@ def _stiffness(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sp
     anisotropic = anisotropic_regions(mesh)
 
     def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
-        is_anisotropic = np.isin(part.region, anisotropic)
-        if not is_anisotropic.any():
+        if not (is_anisotropic := np.isin(part.region, anisotropic)).any():
             return _isotropic(mesh, part, position)
         K = np.empty((len(part.ids), position.shape[1] * (position.shape[1] + 1) // 2, 9))
         K[is_anisotropic] = _anisotropic(mesh, some_of(part, is_anisotropic), position[is_anisotropic])

@@ -155,10 +155,7 @@ def _check_stiffness(material: Anisotropic) -> None:
 
 
 def _check_layers(
-    mesh: Mesh,
-    name: str,
-    layers: Sequence[Layer | Ply],
-    materials: Sequence[Anisotropic | Lamina | Material | None],
+    mesh: Mesh, name: str, layers: Sequence[Layer | Ply], materials: Sequence[Anisotropic | Lamina | Material | None]
 ) -> None:
     """Raise DeckError unless every layer has a thickness and a material."""
     for layer, material in zip(layers, materials, strict=True):

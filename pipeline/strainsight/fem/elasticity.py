@@ -104,8 +104,7 @@ def jacobians(
     J = np.einsum("qkd,ekc->eqdc", kind.gradient(xi), position, optimize=True)
     det = np.linalg.det(J)
     size = np.ptp(position, axis=1).max(axis=1)[:, None] ** 3
-    bad = ~(det > 1e-12 * size).all(axis=1)
-    if bad.any():
+    if (bad := ~(det > 1e-12 * size).all(axis=1)).any():
         worst = int(np.argmin(det.min(axis=1) / size[:, 0]))
         names = ", ".join(str(id) for id in ids[bad][:5]) + (", …" if bad.sum() > 5 else "")
         raise DeckError(
@@ -289,8 +288,7 @@ def lumped(m: np.ndarray, k: int) -> np.ndarray:
 
 def _consistent(mesh: Mesh, part: CellBlock, kind: ElementKind) -> np.ndarray:
     position = mesh.position[part.nodes]
-    layered = np.isin(part.region, list(mesh.composites))
-    if not layered.any():
+    if not (layered := np.isin(part.region, list(mesh.composites))).any():
         return element_masses(kind, position, part.ids)[:, :, 0]
     m = np.empty((len(part.ids), position.shape[1] * (position.shape[1] + 1) // 2))
     if not layered.all():

@@ -352,8 +352,7 @@ def _mean_motion(
     strength, V = np.linalg.eigh(np.einsum("kc,kci,kcj->ij", weight, R, R))
     determined = strength > LEAST_STRENGTH * strength[-1]
     local = _six_axes(rows.axes_of(np.array([tie.reference])))[0].T
-    loose = np.abs((local @ V[:, ~determined])[list(wanted)]) > 1e-6
-    if loose.any():
+    if (loose := np.abs((local @ V[:, ~determined])[list(wanted)]) > 1e-6).any():
         motion = MOTIONS[list(wanted)[int(np.argmax(loose.any(axis=1)))]]
         raise DeckError(
             f"the averaged nodes of {tie} do not determine the {motion} of its reference node {mesh.node_ids[tie.reference]}",

@@ -143,8 +143,7 @@ def name_mkl() -> None:
     """Set the path of the MKL library installed by pip; otherwise pypardiso searches the whole environment for every factor
     (0.3 s). Threads of MKL sleep between calls; otherwise they spin for 0.2 s on cores that NumPy needs."""
     os.environ.setdefault("KMP_BLOCKTIME", "0")
-    libraries = sorted(Path(sys.prefix, "lib").glob("libmkl_rt.so*"))
-    if libraries:
+    if libraries := sorted(Path(sys.prefix, "lib").glob("libmkl_rt.so*")):
         os.environ.setdefault("PYPARDISO_MKL_RT", str(libraries[0]))
 
 

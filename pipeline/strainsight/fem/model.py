@@ -177,8 +177,7 @@ def autospc_stiffness(mesh: Mesh, constraint: Constraint, K: sparse.csr_array) -
     column[constraint.free_rows] = np.arange(len(constraint.free_rows))
     at = column[constraint.rotations(mesh.turning)]
     rows, columns = (np.broadcast_to(index, (len(at), 3, 3)) for index in (at[:, :, None], at[:, None, :]))
-    free = (rows >= 0) & (columns >= 0)
-    if not free.any():
+    if not (free := (rows >= 0) & (columns >= 0)).any():
         return sparse.csr_array(K.shape)
     B = np.zeros(free.shape)
     B[free] = K[rows[free], columns[free]]

@@ -179,12 +179,7 @@ def _rank_of_mass(M: sparse.csr_array, relief: Relief | None) -> int:
 
 
 def _lowest_modes(
-    A: sparse.csr_array,
-    M: sparse.csr_array,
-    count: int,
-    factor: Factor | None,
-    relief: Relief | None,
-    by: Factorise,
+    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor | None, relief: Relief | None, by: Factorise
 ) -> tuple[np.ndarray, np.ndarray]:
     """1/λ and φ of the modes and of a few more, so that no copy of the last requested frequency is cut off."""
     n, massive, guard = A.shape[0], _rank_of_mass(M, relief), GUARD
@@ -204,8 +199,7 @@ def _lowest_modes(
         else:
             factor = factor or (by(A) if relief is None else factorise_free(A, relief, by))
             if _basis(wanted) <= massive:
-                result = _block_modes(M, count, factor)
-                if result is not None:
+                if (result := _block_modes(M, count, factor)) is not None:
                     return result
                 inverse, shapes = _lanczos(A, M, count, wanted, factor)
             else:
@@ -389,8 +383,7 @@ def combine_repeated(values: np.ndarray, shapes: np.ndarray) -> np.ndarray:
 def signs(shapes: np.ndarray) -> np.ndarray:
     """±1 (k,): the sign of the first of the largest components of shapes (n, k), so that rounding cannot flip a symmetric
     shape."""
-    first = _largest(np.abs(shapes))
-    return np.asarray(np.sign(shapes[first, np.arange(shapes.shape[1])]))
+    return np.asarray(np.sign(shapes[_largest(np.abs(shapes)), np.arange(shapes.shape[1])]))
 
 
 def _frequencies(values: np.ndarray) -> list[int]:

@@ -245,8 +245,7 @@ def tractions(patch: Patch, field: np.ndarray, facets: Facets, loaded: np.ndarra
     kind, nodes = facets.kind[on_patch], np.where(facets.nodes[on_patch] < 0, -1, nodes[on_patch])
     value = np.zeros((on_patch.sum(), 8, 3, field.shape[1]))
     on = np.unique(nodes[nodes >= 0])
-    known = ~patch.cut[on] & ~otherwise[patch.nodes[on]]
-    if known.any():
+    if (known := ~patch.cut[on] & ~otherwise[patch.nodes[on]]).any():
         position = patch.mesh.position
         f = (assemble_stiffness(patch.mesh) @ field).reshape(len(position), -1)[on[known]]
         M = np.zeros((len(on), len(on)))
@@ -273,8 +272,7 @@ def spread_forces(position: np.ndarray, facets: Facets, forced: np.ndarray) -> s
     near = np.any(forced[facets.nodes] & (facets.nodes >= 0), axis=1)
     rules, entries = list(_quadrature(position, facets.kind[near], facets.nodes[near])), []
     for node in np.flatnonzero(forced).tolist():
-        around = _facets_around(position, rules, node)
-        if not around:
+        if not (around := _facets_around(position, rules, node)):
             entries.append((np.array([node]), np.array([node]), np.ones(1)))
         for rule, on, factor, size in around:
             base = _linear(rule.points[on], position[node], size)

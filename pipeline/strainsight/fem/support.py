@@ -189,8 +189,7 @@ def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_fi
     words: list[str] = []
     named = null @ _null_space(sparse.csr_array(null[:6])) if against_first else null
     for b in range(bodies):
-        node = _node_of(mesh, pieces, b)
-        where = f" of the part with node {node}" if bodies > 1 else ""
+        where = f" of the part with node {_node_of(mesh, pieces, b)}" if bodies > 1 else ""
         words += motion_words(named[6 * b : 6 * b + 6], centre[b], radius[b], where)
     column = null[6 * bodies :]
     if column.size and not words:
@@ -256,8 +255,7 @@ def _null_space(B: sparse.csr_array) -> np.ndarray:
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, B[start : start + 4096].toarray()]), mode="r"))
     _, strength, Vt = np.linalg.svd(triangle, full_matrices=True)
     # the columns are scaled to unit motion, so that a support has strength of the order of one whatever the units
-    rank = int(np.count_nonzero(strength > TOLERANCE))
-    return Vt[rank:].T
+    return Vt[int(np.count_nonzero(strength > TOLERANCE)) :].T
 
 
 def _without_zero_motions(null: np.ndarray, R: sparse.csr_array) -> np.ndarray:

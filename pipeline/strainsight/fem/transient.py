@@ -132,12 +132,7 @@ def transient(
     recorder.flush()
     if not np.all(np.isfinite(motion)):
         raise NumericalError("the motion of the full model is not finite", remedy="Check the loads and the materials.")
-    return Transient(
-        recorder.reading,
-        recorder.acceleration,
-        motion,
-        scheme.reach * substeps / (2 * np.pi * h),
-    )
+    return Transient(recorder.reading, recorder.acceleration, motion, scheme.reach * substeps / (2 * np.pi * h))
 
 
 def free_rows(model: FiniteElementModel, rows: sparse.csr_array) -> sparse.csr_array:

@@ -21,6 +21,7 @@ from strainsight.fem.constraints import Constraint, constraint_transform, descri
 from strainsight.fem.equations import turning_nodes
 from strainsight.fem.mass import has_mass, mass_product
 from strainsight.fem.model import FiniteElementModel, FullModel
+from strainsight.foreign.results.response import check_modes, normalising_mass
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 
@@ -47,8 +48,7 @@ def extend_motion(mesh: Mesh, motion: np.ndarray) -> ImportedMotion:
     nodes on faces of shells move with the face. Rows without data are not known. Supports of the mesh are ignored:
     rows without motion in the results are fixed. Raises the errors of `constraint_transform`."""
     n = len(mesh.position)
-    loose = replace(mesh, fixed=np.zeros((0, 2), dtype=np.int64))
-    constraint = constraint_transform(loose, rotations=turning_nodes(mesh))
+    constraint = constraint_transform(replace(mesh, fixed=mesh.fixed[:0]), rotations=turning_nodes(mesh))
     T = constraint.transform
     z = np.full((T.shape[0], len(motion)), np.nan)
     z[: 3 * n] = motion[:, :, :3].reshape(len(motion), 3 * n).T
@@ -59,9 +59,8 @@ def extend_motion(mesh: Mesh, motion: np.ndarray) -> ImportedMotion:
     z[~known] = 0.0
     free, determined = _free_motions(constraint, z, known)
     rows = np.flatnonzero(~known)
-    reached = np.diff(T[rows].indptr) > 0
-    open_ = abs(T[rows]) @ (~determined).astype(float) > 0
-    rows = rows[reached & ~open_]
+    undetermined = abs(T[rows]) @ (~determined).astype(float) > 0
+    rows = rows[(np.diff(T[rows].indptr) > 0) & ~undetermined]
     z[rows] = T[rows] @ free
     known[rows] = True
     return ImportedMotion(constraint, z, known)
@@ -92,14 +91,8 @@ def _free_motions(constraint: Constraint, z: np.ndarray, known: np.ndarray) -> t
     return free, determined
 
 
-RIGID = 1e-4
-"""Ratio to the highest frequency below which a mode is a rigid-body mode."""
 ELSEWHERE = 1e-4
 """Largest distance of a node from its position in the results, relative to the mesh size."""
-UNIT = 0.02
-"""Deviation of ΦᵀMΦ from one that integration or mass lumping of a program may cause."""
-OFF = 0.1
-"""Difference of ΦᵀMΦ between mesh and file above which they are different models."""
 SHARES = 0.05
 """Largest deviation of the modal shares of a response from those of its load, relative to the response."""
 SYMMETRIC = 0.01
@@ -111,18 +104,6 @@ AS_LOADED = (
     "check that nodes and direction of this load are those of the load step in the results, and that `magnitude` is the load "
     "in that step [N, N m, Pa]. Check mesh.length_unit, and that the modes and this step have the same supports"
 )
-
-
-def check_modes(frequency: np.ndarray, where: tuple[str, ...]) -> None:
-    """Raise UserError unless every mode (m,) [Hz] has stiffness."""
-    rigid = np.flatnonzero(~(frequency > RIGID * frequency.max(initial=0.0)))
-    if rigid.size:
-        raise UserError(
-            f"the structure is free or unstable: a mode is at {frequency[rigid[0]]:.4g} Hz, below {RIGID:g} times the highest "
-            f"frequency {frequency.max():.4g} Hz (modes below this limit: {rigid.size})",
-            where=where[int(rigid[0])],
-            remedy="add the supports of the test, or soft springs, to the analysis, and export modes and responses again",
-        )
 
 
 def check_rows(mesh: Mesh, imported: ImportedMotion, rows: np.ndarray | None = None) -> None:
@@ -137,11 +118,10 @@ def check_rows(mesh: Mesh, imported: ImportedMotion, rows: np.ndarray | None = N
     if lacking.size:
         n = len(mesh.position)
         nodes = np.unique(mesh.node_ids[np.minimum(lacking, 3 * n - 1) // 3])
-        motion = describe_row(mesh, imported.constraint, int(lacking[0]))
         turned = ", rotations are missing" if mesh.thin and imported.known[: 3 * n].any() else ""
         raise UserError(
-            f"the results do not contain {motion} ({what}{turned}); results are missing at {len(nodes)} of "
-            f"{mesh.own_nodes} nodes of the mesh",
+            f"the results do not contain {describe_row(mesh, imported.constraint, int(lacking[0]))} ({what}{turned}); "
+            f"results are missing at {len(nodes)} of {mesh.own_nodes} nodes of the mesh",
             key="mesh.results",
             remedy="use the mesh of the results, and export displacements of all nodes, with rotations for shells and beams",
         )
@@ -172,45 +152,9 @@ def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding
 def unresolved_rows(mesh: Mesh, imported: ImportedMotion, nodes: np.ndarray) -> np.ndarray:
     """Rows of the translations of nodes, and of the rotations of nodes of shells and beams, that the results do not determine."""
     rows = (3 * nodes[:, None] + np.arange(3)).ravel()
-    turning = np.intersect1d(nodes, mesh.turning)
-    if turning.size:
+    if (turning := np.intersect1d(nodes, mesh.turning)).size:
         rows = np.concatenate([rows, imported.constraint.rotations(turning).ravel()])
     return rows[~imported.known[rows]]
-
-
-def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
-    """ΦᵀMΦ (m,) [kg m²] that normalises the shapes, and a note on its source. file_mass: from the file or the config; mesh_mass:
-    from the mesh. Raises UserError if both are missing or they are inconsistent."""
-    if file_mass is None and mesh_mass is None:
-        raise UserError(
-            "the normalisation of the modes is unknown: the file does not define it, and the mesh has no density",
-            key="mesh.results.modal_mass",
-            remedy="set `modal_mass: unit` if ΦᵀMΦ = 1 in units of the file (always in CalculiX, with NORM = MASS on EIGRL in "
-            "Nastran). Otherwise specify densities in mesh.materials, and write results of all nodes",
-        )
-    if file_mass is None:
-        assert mesh_mass is not None
-        return mesh_mass, [
-            f"modes are normalised with the densities of the mesh; ΦᵀMΦ of the first mode of the file was {mesh_mass[0]:.4g} kg"
-        ]
-    if mesh_mass is None:
-        return file_mass, []
-    ratio = mesh_mass / file_mass
-    worst = int(np.argmax(np.abs(np.log(ratio))))
-    if abs(ratio[worst] - 1) > OFF:
-        raise UserError(
-            f"the modal mass of mode {worst + 1} from the densities of the mesh is {ratio[worst]:.4g} times the "
-            "value in the results",
-            key="mesh.results",
-            remedy="use the densities, point masses and units of the original analysis, or remove the densities. If "
-            "the modes do not have unit mass, set `modal_mass: mesh`",
-        )
-    if abs(ratio[worst] - 1) > UNIT:
-        return file_mass, [
-            f"the modal mass of mode {worst + 1} from the densities of the mesh is {ratio[worst]:.4g} times the "
-            "value in the results; the value in the results is used"
-        ]
-    return file_mass, []
 
 
 def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, names: tuple[str, ...]) -> list[str]:
@@ -369,8 +313,8 @@ def normalise_results(
     norm, notes = normalising_mass(results.modal_mass, mesh_mass)
     root = np.sqrt(mesh_mass if by_mesh and mesh_mass is not None else norm)
     products = None if weighed is None else (weighed[:, :m] / root, weighed[:, m:])
-    lam = (2 * np.pi * results.frequency) ** 2
-    return NormalisedResults(imported.field[:, :m] / root, lam, imported.field[:, m:], products, notes)
+    shape, lam = imported.field[:, :m] / root, (2 * np.pi * results.frequency) ** 2
+    return NormalisedResults(shape, lam, imported.field[:, m:], products, notes)
 
 
 def _residuals(
@@ -419,12 +363,10 @@ def describe_responses(
     names: tuple[str, ...], results: Results, dropped: int, quasi_static: bool, above: float
 ) -> list[str]:
     notes = []
-    without = [name for i, name in enumerate(names) if i not in results.load]
-    if without:
-        modes = len(results.frequency)
+    if without := [name for i, name in enumerate(names) if i not in results.load]:
         notes.append(
             f"the results have no static response to {', '.join(without)}. The strain under such a load lacks the part that "
-            f"modes 1 to {modes} do not represent"
+            f"modes 1 to {len(results.frequency)} do not represent"
         )
     if dropped:
         notes.append(

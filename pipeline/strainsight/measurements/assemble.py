@@ -59,8 +59,7 @@ def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step
             if not channel_settings.override:
                 calibrated, more = remove_repeated_samples(name, calibrated, written.step)
                 notes.extend(more)
-        missing = np.isnan(calibrated)
-        if missing.any():
+        if (missing := np.isnan(calibrated)).any():
             notes.append(f"{name}: missing samples in the file: {missing.sum()} of {missing.size}")
             notes.extend(_stretch(name, missing, recording.time))
         notes.extend(done)
@@ -136,8 +135,7 @@ def find_repeated_samples(values: np.ndarray) -> RepeatedSamples | None:
 def remove_repeated_samples(name: str, values: np.ndarray, step: float) -> tuple[np.ndarray, tuple[str, ...]]:
     """Replace repeated samples of a channel (T,) with time step `step` [s] by NaN; returns values and a note. Raises UserError
     if the intervals between samples differ."""
-    repeated = find_repeated_samples(values)
-    if repeated is None:
+    if (repeated := find_repeated_samples(values)) is None:
         return values, ()
     n = repeated.interval
     if not repeated.regular:

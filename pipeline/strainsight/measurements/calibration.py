@@ -188,8 +188,7 @@ def _mark_missing(recording: Recording, name: str, settings: ChannelSettings, va
     """Set samples in the spans of the settings to NaN, in place. Raises UserError for a span without a sample."""
     marked = np.zeros(len(values), dtype=bool)
     for first, last in settings.missing:
-        within = (recording.time >= first) & (recording.time <= last)
-        if not within.any():
+        if not (within := (recording.time >= first) & (recording.time <= last)).any():
             raise UserError(
                 f"the interval of missing samples from {first:g} to {last:g} s contains no sample; the record runs from "
                 f"{recording.time[0]:g} to {recording.time[-1]:g} s",
@@ -219,8 +218,7 @@ def _check_unit(recording: Recording, name: str, settings: ChannelSettings) -> t
 
 
 def _check_size(recording: Recording, name: str, settings: ChannelSettings, values: np.ndarray) -> None:
-    too_large = np.flatnonzero(np.abs(values) > LARGEST)
-    if too_large.size:
+    if (too_large := np.flatnonzero(np.abs(values) > LARGEST)).size:
         sample = int(too_large[0])
         raise UserError(
             f"channel {name!r} has the value {values[sample]:g} {settings.unit}; magnitudes above {LARGEST:g} are not valid",
@@ -250,8 +248,7 @@ def _subtract_zero(recording: Recording, name: str, settings: ChannelSettings, v
 
 def _strain(recording: Recording, name: str, bridge: Bridge, r: np.ndarray) -> np.ndarray:
     strain = strain_of(bridge, r)
-    impossible = np.flatnonzero(np.isnan(strain) & ~np.isnan(r))
-    if impossible.size:
+    if (impossible := np.flatnonzero(np.isnan(strain) & ~np.isnan(r))).size:
         sample = int(impossible[0])
         raise UserError(
             f"channel {name!r} has the value {1e3 * r[sample]:g} mV/V, which a {bridge.arrangement} bridge "

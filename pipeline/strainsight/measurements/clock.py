@@ -73,7 +73,14 @@ def uniform_clock(recording: Recording) -> Clock:
         whole = np.rint(steps)
         bad = (np.abs(steps - whole) > 2 * JITTER) | (whole < 1)
     if bad.any():
-        _refuse_interval(recording, int(np.argmax(bad)), float(steps[np.argmax(bad)]), step, bool(np.mean(bad) > 0.01))
+        i, many = int(np.argmax(bad)), bool(np.mean(bad) > 0.01)
+        raise UserError(
+            f"the time increases by {t[i + 1] - t[i]:.6g} s from {t[i]:.9g} to {t[i + 1]:.9g} s, which is "
+            f"{steps[i]:.4g} steps of {step:.6g} s instead of a whole number of steps"
+            + ("; many other intervals are irregular too" if many else ""),
+            where=recording.place(i + 1),
+            remedy=FIXED_RATE if many else "cut the record at this time, or correct the time stamps",
+        )
     if (count := float(whole.sum()) + 1) > MOST_FILLED * t.size:
         worst = int(np.argmax(whole))
         raise UserError(
@@ -169,8 +176,7 @@ def _without_odd_stamps(recording: Recording) -> tuple[Recording, tuple[str, ...
 
 
 def _check_order(recording: Recording, between: np.ndarray) -> None:
-    wrong = np.flatnonzero(between <= 0)
-    if not wrong.size:
+    if not (wrong := np.flatnonzero(between <= 0)).size:
         return
     i = int(wrong[0])
     t, where = recording.time, recording.place(i + 1)
@@ -187,17 +193,6 @@ def _check_order(recording: Recording, between: np.ndarray) -> None:
         f"the time decreases by {-between[i]:.6g} s, from {t[i]:.9g} to {t[i + 1]:.9g} s{more}",
         where=where,
         remedy="sort the record, or cut it where the clock was reset",
-    )
-
-
-def _refuse_interval(recording: Recording, i: int, steps: float, step: float, many: bool) -> None:
-    t = recording.time
-    raise UserError(
-        f"the time increases by {t[i + 1] - t[i]:.6g} s from {t[i]:.9g} to {t[i + 1]:.9g} s, which is "
-        f"{steps:.4g} steps of {step:.6g} s instead of a whole number of steps"
-        + ("; many other intervals are irregular too" if many else ""),
-        where=recording.place(i + 1),
-        remedy=FIXED_RATE if many else "cut the record at this time, or correct the time stamps",
     )
 
 

@@ -171,8 +171,7 @@ def _delimiter(text: str, where: str, form: TextFormat, single: bool) -> str:
 
 def _name_and_unit(cell: str, time: str | None) -> tuple[str, str | None]:
     """'ch1 [um/m]' → 'ch1', 'um/m'; 't (-)' → 't', None. Text in round brackets is a unit only if it is a known one."""
-    match = _BRACKETS.fullmatch(cell)
-    if not match:
+    if not (match := _BRACKETS.fullmatch(cell)):
         return cell, None
     name, unit = match[1], match[2][1:-1].strip()
     if unit == "-":

@@ -111,9 +111,7 @@ def rows_by_line(
         ]
         if layout.timed and row[0] != row[0]:
             raise UserError(
-                f"the sample has no time: {quote(decode(line))}",
-                where=where,
-                remedy="add the time of this sample",
+                f"the sample has no time: {quote(decode(line))}", where=where, remedy="add the time of this sample"
             )
         numbers.extend(row)
         lines.append(number)
@@ -212,15 +210,11 @@ def _remedy_for_cell(cell: str, column: int, layout: Layout, form: TextFormat) -
         return f'{_COUNTED}; to skip text lines below the column names, set their beginning: `{form.key}.comment: "{begin}"`'
     if not cell[0].isalpha() and _DIGIT.search(cell):
         return "write plain numbers with digits, sign, decimal mark and exponent (1.5e-3), without a unit"
+    word = cell if cell.isalnum() and len(cell) < 20 else "WORD"  # as an entry of a YAML list
     return (
         "write a number, or leave the cell empty for a missing sample; if the word marks missing samples, "
-        + form.remedy_setting("missing", f"[{_word(cell)}]", "declare it as a word for missing samples")
+        + form.remedy_setting("missing", f"[{word}]", "declare it as a word for missing samples")
     )
-
-
-def _word(cell: str) -> str:
-    """The cell as an entry of a YAML list, if it is a plain word."""
-    return cell if cell.isalnum() and len(cell) < 20 else "WORD"
 
 
 MARKS = np.array(

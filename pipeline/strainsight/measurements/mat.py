@@ -60,8 +60,7 @@ def hdf5_signals(path: Path, names: Sequence[str]) -> Signals:
         for name in names:
             plainly, part = split_part(name)
             where = f"{path}, {plainly}"
-            item = resolve(file, plainly.replace(".", "/"), where)
-            if item is None:
+            if (item := resolve(file, plainly.replace(".", "/"), where)) is None:
                 raise _hdf5_missing(file, plainly, path)
             _check_hdf5(item, plainly, path, where)
             values = one_line(np.asarray(item[...]).T, part, name, where)
@@ -99,8 +98,7 @@ def _check_hdf5(item: Any, name: str, path: Path, where: str) -> None:
 
 def _hdf5_missing(file: Any, name: str, path: Path) -> UserError:
     known = [dataset.replace("/", ".") for dataset in datasets(file) if not dataset.startswith("#")]
-    inside = [dataset for dataset in known if dataset.startswith(f"{name}.")]
-    if inside:
+    if inside := [dataset for dataset in known if dataset.startswith(f"{name}.")]:
         return UserError(
             f"variable {name!r} is a struct", where=str(path), remedy=f"use a field, such as {quote(inside[0])}"
         )
@@ -208,8 +206,7 @@ def _no_vector(name: str, value: Any) -> str:
 def _unit(holder: dict[str, Any], name: str, word: str) -> str:
     """Unit in the field `word` of the same struct as a vector, "" if missing."""
     unit = holder.get(word)
-    fields = _fields(unit)
-    if fields is not None:
+    if (fields := _fields(unit)) is not None:
         unit = fields.get(name.split(".")[-1])
     text = np.asarray(unit).reshape(-1) if unit is not None else np.array([])
     return str(text[0]) if text.size == 1 and text.dtype.kind == "U" else ""

@@ -53,8 +53,7 @@ def _split(formula: str) -> Iterator[tuple[str, str]]:
     at = 0
     text = formula.rstrip()
     while at < len(text):
-        match = _TOKEN.match(text, at)
-        if match is None:
+        if (match := _TOKEN.match(text, at)) is None:
             raise ValueError(f"{text[at:].lstrip()[:1]!r} is not allowed in an arithmetic formula")
         assert match.lastgroup is not None
         yield match.lastgroup, match[match.lastgroup].lower()

@@ -280,10 +280,7 @@ def seconds_in(unit: str) -> float | None:
 def time_factor(unit_in_config: str | None, unit_in_file: str | None, where: str) -> float:
     """Seconds in one unit of the time column: unit in the config, or in the file at `where`. Raises UserError if both are
     missing, different, or unknown."""
-    for unit, source in (
-        (unit_in_config, "config"),
-        (unit_in_file, "file"),
-    ):
+    for unit, source in ((unit_in_config, "config"), (unit_in_file, "file")):
         if unit is not None and seconds_in(unit) is None:
             raise UserError(
                 f"the unit of time in the {source} is unknown: {unit!r}",

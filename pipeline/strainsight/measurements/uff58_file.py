@@ -24,6 +24,7 @@ from strainsight.measurements.records import (
     quote,
     time_factor,
 )
+from strainsight.text import parse_real
 
 DAMAGED = "the file is truncated or damaged: export it again"
 HEADER = 11
@@ -76,11 +77,6 @@ class Function:
         """Widths [characters] of the numbers of one value in text: abscissa if uneven, then ordinates."""
         wide = 20 if self.double else 13
         return (() if self.even else (13,)) + (wide,) * (2 if self.complex_ else 1)
-
-    @property
-    def per_line(self) -> int:
-        """Values on a line of text: 6E13.5, 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12."""
-        return 80 // sum(self.layout)
 
     @property
     def sizes(self) -> tuple[tuple[int, ...], ...]:
@@ -164,8 +160,8 @@ def _fields(text: str, where: str, what: str, widths: tuple[float, ...]) -> list
         at += abs(int(width))
         if width < 0:
             continue
-        value = 0.0 if not piece else number_of(piece)
-        if value is None or not math.isfinite(value) or (width == int(width) and value != int(value)):
+        value = parse_real(piece or "0")
+        if value is None or (width == int(width) and value != int(value)):
             raise UserError(
                 f"{quote(piece)} is not a valid number in the {what} of dataset 58: {quote(text, 80)}",
                 where=where,
@@ -180,33 +176,6 @@ def _axis(text: str, where: str) -> tuple[int, str | None]:
     (kind,) = _fields(text, where, "axis", (10,))
     unit = text[46:].strip()
     return int(kind), None if unit.upper() in NONE else unit
-
-
-def number_of(piece: str | bytes) -> float | None:
-    """A number in Fortran format, also 1.5D-3 and 1.5-103; None if it is not a number."""
-    text = piece.decode("latin-1") if isinstance(piece, bytes) else piece
-    if "_" in text:
-        return None
-    text = text.strip().upper().replace("D", "E")
-    try:
-        return float(text)
-    except ValueError:
-        pass
-    # Fortran omits the letter of three-digit exponents: 1.5-105
-    at = max(text.rfind("+"), text.rfind("-"))
-    try:
-        return float(f"{text[:at]}E{text[at:]}") if at > 0 else None
-    except ValueError:
-        return None
-
-
-def known_names(functions: Sequence[Function]) -> Mapping[str, list[Function]]:
-    """Name → functions with this name."""
-    functions_by_name: dict[str, list[Function]] = {}
-    for function in functions:
-        for name in dict.fromkeys(function.names):
-            functions_by_name.setdefault(name, []).append(function)
-    return functions_by_name
 
 
 _LONGEST = 4096
@@ -224,8 +193,10 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
     the dataset for a binary file."""
     path = Path(path)
     with open_file(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        known = known_names(list(_functions(file, path, size)))
+        known: dict[str, list[Function]] = {}
+        for function in _functions(file, path, os.fstat(file.fileno()).st_size):
+            for word in dict.fromkeys(function.names):
+                known.setdefault(word, []).append(function)
         chosen = [_chosen(name, known, path) for name in channels]
         read = {name: _read(file, path, each, name, time_unit) for name, each in zip(channels, chosen, strict=True)}
     if not read:
@@ -283,10 +254,10 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
                 raise UserError("the file ends inside the header of a function", where=where, remedy=DAMAGED)
             first = lines.number - HEADER + 1 if lines.counts else 0
             function = function_of(number, identifier, records, first, file.tell(), where, si=si)
+            yield function
             if function.order:
                 lines.counts = False
                 file.seek(_end_of_binary(file, path, function, size)[1])
-                yield function
                 continue
             if function.count * sum(function.layout) > 2 * size:
                 raise UserError(
@@ -294,7 +265,6 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
                     where=where,
                     remedy=DAMAGED,
                 )
-            yield function
         elif kind == b"164":
             si = lines.next()[:10].strip() == b"1"  # metre and newton
         elif not kind.isdigit():
@@ -348,12 +318,8 @@ def _read(
     """Time (T,) [s] and values (T,) of a function."""
     where = _where(path, function)
     if function.complex_ or function.kind not in (0, _TIME_RESPONSE):
-        description = (
-            "the function has complex values"
-            if function.complex_
-            else f"the function type {function.kind} is not a time response"
-        )
-        raise UserError(description, where=where, remedy="export the time signal of this channel")
+        what = "has complex values" if function.complex_ else f"type {function.kind} is not a time response"
+        raise UserError(f"the function {what}", where=where, remedy="export the time signal of this channel")
     if function.abscissa != _TIME and not (function.kind == _TIME_RESPONSE and function.abscissa in (0, 1)):
         raise UserError(
             f"the abscissa has data type {function.abscissa} instead of 17 (time)",
@@ -386,7 +352,8 @@ def _text(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
     """(T, numbers a value) from lines with fixed columns."""
     file.seek(function.offset)
     values_, width = array("d"), len(function.layout)
-    ends = np.cumsum(function.layout * function.per_line).tolist()
+    # 6E13.5, 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12 on a line
+    ends = np.cumsum(function.layout * (80 // sum(function.layout))).tolist()
     columns = list(zip([0, *ends[:-1]], ends, strict=True))
     left, line_number = function.count * width, function.line
     while left > 0:
@@ -410,12 +377,12 @@ def _text(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
 
 
 def _number(piece: bytes, path: Path, function: Function, line: int) -> float:
-    if (value := number_of(piece)) is not None:
+    text = decode(piece.strip())
+    if (value := math.nan if text.lower() == "nan" else parse_real(text)) is not None:
         return value
-    text = quote(decode(piece.strip()))
-    wide = piece.strip().startswith(b"*")
+    wide = text.startswith("*")
     raise UserError(
-        f"{text} is not a number"
+        f"{quote(text)} is not a number"
         + (": it exceeds its column width" if wide else f"; the header declares {function.count} values"),
         where=f"{path}:{line}" if function.line else _where(path, function),
         remedy="export the file in double precision, or binary" if wide else DAMAGED,

@@ -271,8 +271,7 @@ def _suggestion(word: str, known: list[str]) -> str:
 def node_springs(name: str, nodes: IntArray, stiffness: Sequence[float]) -> Springs:
     """Springs to the ground on nodes (k,) (indices), each with 1/k of the stiffness (6,) [N/m, N m/rad] along the basic axes."""
     k = np.asarray(stiffness, dtype=float)
-    components = np.flatnonzero(k)
-    node, component = (part.ravel() for part in np.meshgrid(nodes, components, indexing="ij"))
+    node, component = (part.ravel() for part in np.meshgrid(nodes, np.flatnonzero(k), indexing="ij"))
     count = len(node)
     return Springs(name, k[component] / len(nodes), np.arange(count), node, component, np.ones(count))
 

@@ -22,8 +22,7 @@ class Anisotropic:
 
     id: Annotated[int, Column("1", "", "id of every anisotropic material")]
     stiffness: Annotated[
-        FloatArray,
-        Column("Pa", "6 × 6", "stiffness matrix in the material axes, order 11 22 33 12 23 31, γ = 2ε"),
+        FloatArray, Column("Pa", "6 × 6", "stiffness matrix in the material axes, order 11 22 33 12 23 31, γ = 2ε")
     ]
     density: Annotated[float, Column("kg/m^3", "", "density of every anisotropic material")]
     name: Annotated[str, Column("1", "", "name of every anisotropic material in the file or config")] = ""

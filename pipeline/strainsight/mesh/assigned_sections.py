@@ -52,12 +52,13 @@ class GivenSection:
         return 2 if isinstance(self.section, ShellSection) else 1
 
 
-def with_given(mesh: Mesh, cells: Sequence[CellBlock], assignments: Mapping[int, GivenSection]) -> Mesh:
+def with_given(mesh: Mesh, cells: Sequence[CellBlock], chosen: SectionsByGroup) -> Mesh:
     """The mesh with cells of triangles, quadrangles and lines as shells, beams and rods with the sections of their regions.
 
     x of a beam from its first node to its second, y towards its direction; rods are sections without moments of area.
     Raises DeckError for a shell without area, folded or too warped, a line without length, and a line parallel to the
     direction of its section."""
+    assignments = {region.id: assigned for region, assigned in chosen.values()}
     of = {
         kind: CellBlock.joined([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE, LINE3)
     }
@@ -192,11 +193,6 @@ def regions_with_sections(
     return chosen
 
 
-def sections_by_region(chosen: SectionsByGroup) -> dict[int, GivenSection]:
-    """Region id → its section."""
-    return {region.id: assigned for region, assigned in chosen.values()}
-
-
 def _tags(key: str, assigned: GivenSection, groups: Groups) -> Iterator[int | None]:
     """Numbers in the file of the regions with a section."""
     tags = groups.get(assigned.dimension, {})
@@ -207,8 +203,7 @@ def _tags(key: str, assigned: GivenSection, groups: Groups) -> Iterator[int | No
         yield from tags
         return
     for entry in assigned.regions:
-        matches = _named(entry, tags)
-        if not matches:
+        if not (matches := _named(entry, tags)):
             others = [d for d in (3, 2, 1) if _named(entry, groups.get(d, {}))]
             names = [str(name) for tag, name in tags.items() if tag is not None]
             raise UserError(

@@ -124,8 +124,7 @@ def _lowest(mesh: Mesh, pairs: IntArray) -> IntArray:
 
 def _check_elements(mesh: Mesh, into: IntArray, distance: float) -> None:
     for block in mesh.elements:
-        twice = (np.diff(np.sort(into[block.nodes], axis=1), axis=1) == 0).any(axis=1)
-        if twice.any():
+        if (twice := (np.diff(np.sort(into[block.nodes], axis=1), axis=1) == 0).any(axis=1)).any():
             i = int(np.argmax(twice))
             x = mesh.position[block.nodes[i]]
             side = np.linalg.norm(x[:, None] - x[None], axis=2)[np.triu_indices(len(x), 1)].min()

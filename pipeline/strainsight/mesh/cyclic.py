@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from strainsight.errors import UserError
 from strainsight.mesh.anisotropic import Orientation
 from strainsight.mesh.coincident import component_labels
 from strainsight.mesh.coordinates import BASIC, rotation
-from strainsight.mesh.joins import AveragingElement, BodyForce, NodalForces, PointMass, Relation, RigidElement, Springs
+from strainsight.mesh.joins import AveragingElement, NodalForces, Relation, RigidElement
 from strainsight.mesh.model import FloatArray, IntArray, Mesh, Origin
 
 NO_TURN = Orientation(BASIC, np.eye(3))
@@ -81,8 +81,16 @@ class Copies:
             rigid=rigid,
             averaging=averaging,
             relations=relations,
-            point_masses=tuple(self._masses()),
-            springs=tuple(self._springs()),
+            point_masses=tuple(
+                replace(mass.rotated(R), id=mass.id + j * shift, node=int(self.at[j, mass.node]))
+                for mass in mesh.point_masses
+                for j, R in enumerate(self.turns)
+            ),
+            springs=tuple(
+                replace(springs, node=self.at[j][springs.node]).rotated(R)
+                for springs in mesh.springs
+                for j, R in enumerate(self.turns)
+            ),
             node_sets=node_sets,
             element_sets=element_sets,
             loads={name: self._load(load) for name, load in mesh.loads.items()},
@@ -184,13 +192,8 @@ class Copies:
             if rank == 3 or not rank:
                 pairs += [(row, c) for c in (*range(rank), *turning)]
                 continue
-            system = axes.get(row)
-            chosen = _along(
-                everything,
-                rank,
-                [system] if system is not None else [np.eye(3), *(A for A, _ in systems_and_components)],
-            )
-            if chosen is None:
+            candidates = [axes[row]] if row in axes else [np.eye(3), *(A for A, _ in systems_and_components)]
+            if (chosen := _along(everything, rank, candidates)) is None:
                 raise UserError(
                     f"the supports of node {mesh.node_ids[self.unique_nodes[row] % len(mesh.position)]} and of the "
                     "coincident node in the next sector act in different directions",
@@ -256,18 +259,10 @@ class Copies:
                     for c in np.flatnonzero(abs(components) > 1e-12).tolist():
                         key = (row, kind + c)
                         terms[key] = terms.get(key, 0.0) + float(value * components[c])
-                keys = list(terms)
                 number.append(relation.id)
-                node, component = np.array(keys, dtype=np.int64).T
-                relations.append(
-                    replace(
-                        relation,
-                        id=len(number),
-                        node=node,
-                        component=component,
-                        value=np.array([terms[k] for k in keys]),
-                    )
-                )
+                node, component = np.array(list(terms), dtype=np.int64).T
+                value = np.array(list(terms.values()))
+                relations.append(replace(relation, id=len(number), node=node, component=component, value=value))
         for row in set(replaced) - {relation.follower[0] for relation in relations}:
             raise UserError(
                 f"{replaced[row]}: the dependent node {self.mesh.node_ids[replaced[row].node[0]]} of this constraint equation is "
@@ -276,39 +271,15 @@ class Copies:
             )
         return tuple(relations), np.array(number, dtype=np.int64)
 
-    def _masses(self) -> Iterator[PointMass]:
-        for mass in self.mesh.point_masses:
-            for j, R in enumerate(self.turns):
-                both = np.kron(np.eye(2), R)
-                yield replace(
-                    mass,
-                    id=mass.id + j * self.shift,
-                    node=int(self.at[j, mass.node]),
-                    offset=R @ mass.offset,
-                    inertia=R @ mass.inertia @ R.T,
-                    matrix=None if mass.matrix is None else both @ mass.matrix @ both.T,
-                )
-
-    def _springs(self) -> Iterator[Springs]:
-        for springs in self.mesh.springs:
-            for j, R in enumerate(self.turns):
-                yield replace(
-                    springs,
-                    spring=np.repeat(springs.spring, 3),
-                    node=np.repeat(self.at[j][springs.node], 3),
-                    component=(3 * (springs.component // 3)[:, None] + np.arange(3)).ravel(),
-                    value=(springs.value[:, None] * R[:, springs.component % 3].T).ravel(),
-                )
-
     def _load(self, load: NodalForces) -> NodalForces:
         force = [load.force @ R.T for R in self.turns]
         moment = None if load.moment is None else np.concatenate([load.moment @ R.T for R in self.turns])
         nodes = np.concatenate([rows[load.nodes] for rows in self.at])
-        body = tuple(self._body(rows) for rows in load.body)
+        body = tuple(
+            part if part.elements is None else replace(part, elements=self._ids_of_copies(part.elements))
+            for part in load.body
+        )
         return replace(load, nodes=nodes, force=np.concatenate(force), moment=moment, body=body)
-
-    def _body(self, body: BodyForce) -> BodyForce:
-        return body if body.elements is None else replace(body, elements=self._ids_of_copies(body.elements))
 
 
 def _along(directions: FloatArray, rank: int, systems: Sequence[FloatArray]) -> tuple[FloatArray, list[int]] | None:
@@ -387,8 +358,7 @@ def whole_ring(
     new = np.zeros(count * n, dtype=np.int64)
     new[unique_nodes] = np.arange(len(unique_nodes))
     at = new[into].reshape(count, n)
-    largest = max([int(mesh.node_ids.max()), *(int(block.ids.max()) for block in mesh.blocks)])
-    shift = 10 ** len(str(largest))
+    shift = 10 ** len(str(max(int(ids.max()) for ids in (mesh.node_ids, *(block.ids for block in mesh.blocks)))))
     ring = Copies(mesh, turns, c, at, unique_nodes, shift).build()
     return Ring(ring, at, shift, tuple((np.unique(new[into[a]]), np.unique(new[into[b]])) for a, b in loose))
 
@@ -400,14 +370,12 @@ def _match_faces(
     of the first."""
     neighbours = np.asarray(cKDTree(position[second]).query(position[second], k=min(len(second), 2))[0])
     spacing = neighbours.reshape(len(second), -1)[:, -1]
-    best: tuple[float, int, FloatArray, IntArray] | None = None
+    matches = []
     for step in (1, -1):
         rotated = c + (position[second] - c) @ rotation(e, 2 * np.pi * step / count).T
         off, which = map(np.asarray, cKDTree(rotated).query(position[first]))
-        if best is None or off.mean() < best[0]:
-            best = (float(off.mean()), step, off, which)
-    assert best is not None
-    mean, step, off, which = best
+        matches.append((float(off.mean()), step, off, which))
+    mean, step, off, which = min(matches, key=lambda match: match[0])
     if mean > spacing.mean():
         raise UserError(
             f"the cut faces of the sector do not match after a rotation by 360°/{count}: the mean distance of opposite nodes is "

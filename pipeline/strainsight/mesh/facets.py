@@ -244,8 +244,7 @@ def _check_conforming(mesh: Mesh, facets: Facets, order: np.ndarray, new: np.nda
     pair = np.flatnonzero(~new)
     a, b = order[pair - 1], order[pair]
     nodes = np.where(straight[facets.nodes], -1, facets.nodes)
-    differ = np.any(np.sort(nodes[a], axis=1) != np.sort(nodes[b], axis=1), axis=1)
-    if differ.any():
+    if (differ := np.any(np.sort(nodes[a], axis=1) != np.sort(nodes[b], axis=1), axis=1)).any():
         i = int(np.argmax(differ))
         first, second = facets.element_id[a[i]], facets.element_id[b[i]]
         other = "Check the node order of these elements."

@@ -181,6 +181,12 @@ class PointMass:
         parts = (self.offset, self.inertia, np.zeros(1) if self.matrix is None else self.matrix[3:])
         return any(bool(np.any(part)) for part in parts)
 
+    def rotated(self, R: FloatArray) -> PointMass:
+        """The mass rotated by R (3, 3)."""
+        both = np.kron(np.eye(2), R)
+        matrix = None if self.matrix is None else both @ self.matrix @ both.T
+        return replace(self, offset=R @ self.offset, inertia=R @ self.inertia @ R.T, matrix=matrix)
+
 
 @dataclass(frozen=True)
 class Springs:
@@ -222,6 +228,16 @@ class Springs:
     def turned(self) -> IntArray:
         """Nodes whose rotations are in it."""
         return np.unique(self.node[(self.component > 2) & (self.value != 0)])
+
+    def rotated(self, R: FloatArray) -> Springs:
+        """The springs rotated by R (3, 3): three terms for each of these."""
+        return replace(
+            self,
+            spring=np.repeat(self.spring, 3),
+            node=np.repeat(self.node, 3),
+            component=(3 * (self.component // 3)[:, None] + np.arange(3)).ravel(),
+            value=(self.value[:, None] * R[:, self.component % 3].T).ravel(),
+        )
 
     def __str__(self) -> str:
         return self.name

@@ -85,8 +85,7 @@ def plate_normals(
     across = np.cross(a, b)
     area = np.linalg.norm(across, axis=1)
     sides = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1)
-    flat = ~(area > PARALLEL * sides**2)
-    if flat.any():
+    if (flat := ~(area > PARALLEL * sides**2)).any():
         remedy = "Correct the nodes of the element, or remove the element."
         raise fault(int(np.argmax(flat)), "the element has no area", remedy)
     normal = across / area[:, None]

@@ -200,8 +200,7 @@ def unused_nodes(mesh: Mesh) -> IntArray:
 def without_loose_masses(mesh: Mesh) -> Mesh:
     """The mesh without point masses on nodes without any connection, which have no effect; with a note."""
     connected = attached(mesh)
-    loose = [point for point in mesh.point_masses if not connected[point.node]]
-    if not loose:
+    if not (loose := [point for point in mesh.point_masses if not connected[point.node]]):
         return mesh
     shown = ", ".join(str(mesh.node_ids[point.node]) for point in loose[:5]) + (", …" if len(loose) > 5 else "")
     some = f"{len(loose)} point masses with a total" if len(loose) > 1 else "a point mass"

@@ -137,8 +137,7 @@ def compile_products(relations: Sequence[Relation], bodies: Sequence[Body]) -> P
 
     def number(vector: Carried) -> tuple[int, float]:
         for sign, known in ((1.0, vector), (-1.0, -vector)):
-            number = index.get(_key(known))
-            if number is not None:
+            if (number := index.get(_key(known))) is not None:
                 return number, sign
         carried.append(vector)
         return index.setdefault(_key(vector), len(carried) - 1), 1.0

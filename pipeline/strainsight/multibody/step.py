@@ -75,8 +75,7 @@ def step(
         return _newton(problem, h, first)
     except NumericalError:
         for halvings in range(1, HALVINGS + 1):
-            lead = _lead(problem, h, first, halvings)
-            if lead is not None:
+            if (lead := _lead(problem, h, first, halvings)) is not None:
                 return lead
     return _newton(problem, h, first)
 

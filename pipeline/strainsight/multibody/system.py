@@ -269,6 +269,5 @@ def _parameter_names(bodies: Sequence[Body], forces: Sequence[Force]) -> list[st
 
 
 def _refuse_twins(what: str, names: Sequence[str]) -> None:
-    twins = sorted({name for name in names if names.count(name) > 1})
-    if twins:
+    if twins := sorted({name for name in names if names.count(name) > 1}):
         raise InfeasibleError(f"{what} with the same name: {', '.join(twins)}", remedy="rename all but one")

@@ -201,8 +201,7 @@ def _positive(what: str, values: np.ndarray | float, count: int, zero: bool = Fa
 
 
 def _check_rows(what: str, rows: np.ndarray, count: int) -> None:
-    outside = rows[(rows < 0) | (rows >= count)]
-    if outside.size:
+    if (outside := rows[(rows < 0) | (rows >= count)]).size:
         raise ConfigError(
             f"{what} contains row {outside[0]}, which is not a row of H", remedy=f"use rows from 0 to {count - 1}"
         )

@@ -121,16 +121,14 @@ class Search:
             history.append(bound)
             if bound >= self.target:
                 return []
-            decided = free & (low.value + low.reduced >= self.target)
-            if decided.any():
+            if (decided := free & (low.value + low.reduced >= self.target)).any():
                 inside, outside = inside | (decided & low.selected), outside | (decided & ~low.selected)
                 continue
             self._round(cuts, low.weights, inside)
             if len(history) > ROUNDS or (len(history) > 4 and history[-1] - history[-4] < PAYS * (self.target - bound)):
                 break
             between = 0.5 * (centre + low.weights)
-            new = self._cut(between, inside, free, cuts[-1].P)
-            if not new:
+            if not (new := self._cut(between, inside, free, cuts[-1].P)):
                 break
             cuts += new
             cost = float(aggregated(new[0].cost, self.aggregate))
@@ -248,8 +246,7 @@ def branch_and_bound(
     began = monotonic()
     limits = as_limits(len(pools[0].rows), keep)
     search = Search(pools, limits, aggregate)
-    first = _first_set(pools, limits, aggregate, start)
-    if first is not None:
+    if (first := _first_set(pools, limits, aggregate, start)) is not None:
         search.offer(first)
     inside = np.isin(np.arange(len(limits.size)), list(limits.fixed))
     heap: list[tuple[float, int, Node]] = [(-np.inf, 0, search.root(inside))]

@@ -26,8 +26,7 @@ def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggre
     room = _room(limits, chosen)
     if not len(room):
         return chosen
-    loops = loops_of(pools, chosen)
-    if loops is None:
+    if (loops := loops_of(pools, chosen)) is None:
         raise ValueError("gauges can be added only to a gauge set that makes every unknown observable")
     while len(room):
         into, loops = _most_telling(pools, loops, room, aggregate)
@@ -123,23 +122,21 @@ def exchange(
         raise ValueError(
             "an exchange of gauges must start from a layout within the limits that contains the fixed gauges"
         )
-    loops = loops_of(pools, chosen)
-    if loops is None:
+    if (loops := loops_of(pools, chosen)) is None:
         raise ValueError("an exchange of gauges must start from a set of gauges that makes every unknown observable")
     costs = [_cost(pools, loops, aggregate)]
     swaps: list[tuple[int, int]] = []
-    solves, complete = 0, False
-    while not complete:
+    solves = 0
+    while True:
         result, number, stopped = _first_gain(pools, loops, chosen, aggregate, bounded, costs[-1], limit - solves)
         solves += number
         if result is None:
-            complete = not stopped
             break
         out, into, loops = result
         chosen = _swap(chosen, out, into)
         swaps.append((out, into))
         costs.append(_cost(pools, loops, aggregate))
-    return Exchange(chosen, np.array(costs), tuple(swaps), solves, complete)
+    return Exchange(chosen, np.array(costs), tuple(swaps), solves, not stopped)
 
 
 def _first_gain(

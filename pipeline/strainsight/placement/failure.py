@@ -29,16 +29,12 @@ class LossSearch:
     def reduced(self, chosen: list[int]) -> list[int]:
         """A layout of gauges of `chosen`, which are too many or too expensive: the one whose removal leaves the least measure
         goes first, the lower index on a tie."""
-        while True:
-            broken = self.limits.used(np.array(chosen)) > self.limits.most
-            if not broken.any():
-                break
+        while (broken := self.limits.used(np.array(chosen)) > self.limits.most).any():
             part = self.limits.rows[broken].sum(axis=0)
             least, rest = (len(chosen), np.inf), chosen
             for out in (g for g in chosen if g not in self.limits.fixed and part[g] > 0):
                 others = [g for g in chosen if g != out]
-                loss = self.losses(others, (least[0], least[1] * (1 - TIE)))
-                if loss:
+                if loss := self.losses(others, (least[0], least[1] * (1 - TIE))):
                     least, rest = measure(loss), others
             chosen = rest
         return chosen
@@ -46,11 +42,9 @@ class LossSearch:
     def swapped(self, chosen: list[int]) -> tuple[list[int], dict[int, float]]:
         """The set after all improving swaps, and its losses."""
         loss = self.losses(chosen, (len(chosen), np.inf))
-        swap = self.first_gain(chosen, loss)
-        while swap is not None:
+        while (swap := self.first_gain(chosen, loss)) is not None:
             out, into, loss = swap
             chosen = sorted({*chosen, into} - {out})
-            swap = self.first_gain(chosen, loss)
         return chosen, loss
 
     def losses(
@@ -91,8 +85,7 @@ class LossSearch:
             out, into = chosen[i], others[j]
             swapped = sorted({*chosen, into} - {out})
             likely = [chosen[g] for g in tied_order(-bounds[:, i, j]) if g != i]
-            new = self.losses(swapped, (fatal, enough), [into, *likely], {into: loss[out]})
-            if new:
+            if new := self.losses(swapped, (fatal, enough), [into, *likely], {into: loss[out]}):
                 return out, into, new
         return None
 
@@ -110,8 +103,7 @@ class LossSearch:
         for at in tied_order(least):
             if least[at] >= enough or self.solves >= self.limit:
                 break
-            new = self.losses(sorted([*chosen, room[at]]), (fatal, enough))
-            if new:
+            if new := self.losses(sorted([*chosen, room[at]]), (fatal, enough)):
                 return -1, room[at], new
         return None
 
@@ -175,11 +167,8 @@ def robust_set(pools: Sequence[Pool], keep: int | Limits, aggregate: Aggregate =
     more = eliminate_from(pools, _twice(limits), aggregate).selected
     chosen, loss = search.swapped(search.reduced(more.tolist()))
     fatal, largest = measure(loss)
-    exchanged = exchange(pools, start, aggregate, limits=limits).gauges
-    other, other_loss = search.swapped(exchanged.tolist())
-    if measure(other_loss) < (fatal, largest * (1 - TIE)):
-        return np.array(other)
-    return np.array(chosen)
+    other, other_loss = search.swapped(exchange(pools, start, aggregate, limits=limits).gauges.tolist())
+    return np.array(other if measure(other_loss) < (fatal, largest * (1 - TIE)) else chosen)
 
 
 def _without(pools: Sequence[Pool], chosen: Sequence[int], failing: int, aggregate: Aggregate) -> float:

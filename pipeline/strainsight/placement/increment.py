@@ -176,8 +176,7 @@ def removals(
     for i, (pool, loop) in enumerate(zip(pools, modes.loops, strict=True)):
         s, D = pool.scenario, increments[i]
         if not solved[i]:
-            exact = removal(s.F, s.Q, loop, blocks[i], partial(rest, i), pool.modes)
-            if exact is None:
+            if (exact := removal(s.F, s.Q, loop, blocks[i], partial(rest, i), pool.modes)) is None:
                 return None
             D = exact
         removed.append(D[: len(s.F), : len(s.F)])
@@ -211,10 +210,8 @@ def removal(
     doubtful = without.abscissa > -1e-9 * np.linalg.norm(loop.A)
     if doubtful and undetectable_directions(F, remaining, modes).shape[1]:
         return None
-    if not doubtful:
-        D = _newton(loop, block, 1.0, without)
-        if D is not None:
-            return D
+    if not doubtful and (D := _newton(loop, block, 1.0, without)) is not None:
+        return D
     return solve_anew(F, Q, G) - loop.P
 
 

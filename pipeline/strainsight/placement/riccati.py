@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,8 +45,7 @@ class Information:
 
     def squared(self, P: np.ndarray) -> np.ndarray:
         """P G P (n, n), of symmetric P."""
-        R = self.needed(P)
-        if R is None:
+        if (R := self.needed(P)) is None:
             return np.asarray(P @ self.G @ P)
         B = P @ R.T
         return B @ B.T
@@ -204,11 +204,9 @@ def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
     """P of (5.14) without a start: in these coordinates, or in balanced ones if the residual exceeds 1e-10. Raises
     NumericalError if both fail."""
     error = np.inf
-    try:
+    with suppress(NumericalError):
         P = solve_care(F, Q, G)
         error = relative_residual(F, Q, G, P)
-    except NumericalError:
-        pass
     if not error <= ACCEPTED:
         d, P = balance(F, Q, G)
         error = relative_residual(F / d[:, None] * d, Q / d[:, None] / d, G.scaled(d), P)

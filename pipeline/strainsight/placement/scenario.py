@@ -231,8 +231,7 @@ def covariances_of(pools: Sequence[Pool], gauges: Gauges) -> list[np.ndarray] | 
     """P of every scenario, or None where these gauges lose an unknown."""
     covariances = []
     for pool in pools:
-        P = subset_covariance(pool, gauges)
-        if P is None:
+        if (P := subset_covariance(pool, gauges)) is None:
             return None
         covariances.append(P)
     return covariances

@@ -35,8 +35,7 @@ class Witness:
         local = [at > 0 and name != BUDGET for at, name in enumerate(limits.names)]
         self._local = limits.rows[np.array(local)]
         self._goal = 0 if BUDGET in limits.names else limits.keep
-        layout = self._greedy(np.ones(len(limits.size), dtype=bool), worth)
-        if layout is None:
+        if (layout := self._greedy(np.ones(len(limits.size), dtype=bool), worth)) is None:
             size = limits.size.astype(float)
             # with a range of sizes any size found quickly is enough; only infeasibility needs a proof
             for nodes in (NODES,) if limits.least == limits.keep else (EFFORT, NODES):

@@ -123,8 +123,7 @@ def floating_basis(body: CraigBampton, node: int) -> CraigBampton:
     interface, and if a frame is already fixed.
     Source: Shabana, Dynamics of Multibody Systems, ch. 5 (reference conditions)."""
     is_fixed = rows_of(body, node).any(axis=0)
-    fixed = [other for other, rows in body.interface.items() if not rows.any()]
-    if fixed:
+    if fixed := [other for other, rows in body.interface.items() if not rows.any()]:
         raise UserError(
             f"the floating frame of the body is already fixed to node {fixed[0]}",
             remedy="Fix the floating frame to only one node.",
@@ -187,8 +186,7 @@ def interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> tu
             raise UserError(f"interface node {node} is named twice", remedy="List the node only once.")
         part = model.constraint.transform[motion_rows(model, node)]
         columns_of_node = np.unique(part.tocoo().col)
-        is_fixed = np.diff(part.indptr) == 0
-        if is_fixed.any():
+        if (is_fixed := np.diff(part.indptr) == 0).any():
             raise UserError(
                 f"interface node {node} is clamped in {MOTIONS[int(np.argmax(is_fixed))]}",
                 remedy="Remove the node from the supports or from the interface.",
@@ -206,8 +204,7 @@ def interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> tu
 def motion_rows(model: FiniteElementModel, node: int) -> np.ndarray:
     """Rows (6,) of z of the three translations and three rotations of a node. Raises UserError for a node without rotations."""
     index = model.mesh.node_index(node)
-    turning = model.constraint.reference_rows.get(index)
-    if turning is None:
+    if (turning := model.constraint.reference_rows.get(index)) is None:
         raise UserError(
             f"interface node {node} has no rotations, because it is not the reference node of a rigid element",
             remedy="Tie the connected surface to this node by an RBE2, in the deck or under mesh.ties.",

@@ -83,8 +83,7 @@ def _grids(
             0
         )
     located = locate(skin, positions)
-    too_far = located.distance > tolerance * (1 + 1e-9)
-    if too_far.any():
+    if (too_far := located.distance > tolerance * (1 + 1e-9)).any():
         i = int(np.argmax(too_far))
         raise refuse(
             i,

@@ -212,12 +212,11 @@ def concatenate(parts: Sequence[Candidates]) -> Candidates:
     bridged = [(part.arms, first) for part, first in zip(parts, channels[:-1], strict=True) if part.arms is not None]
     arms = None
     if bridged:
-        channel = np.concatenate([part_arms.channel + first for part_arms, first in bridged])
-        sign, grid = (
+        arms = Arms(
+            np.concatenate([part_arms.channel + first for part_arms, first in bridged]),
             np.concatenate([part_arms.sign for part_arms, _ in bridged]),
             concatenate([part_arms.grid for part_arms, _ in bridged]),
         )
-        arms = Arms(channel, sign, grid)
     return Candidates(**columns, arms=arms)
 
 
@@ -275,8 +274,7 @@ def tangents(normal: np.ndarray) -> np.ndarray:
 
 def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.ndarray, key: str) -> np.ndarray:
     a = unit_vector(axis, "the gauge axis")
-    steep = np.abs(n @ a) > np.cos(np.deg2rad(STEEPEST))
-    if steep.any():
+    if (steep := np.abs(n @ a) > np.cos(np.deg2rad(STEEPEST))).any():
         first = keep[np.argmax(steep)]
         raise InfeasibleError(
             f"the gauge axis is within {STEEPEST:g}° of the normal of {np.count_nonzero(steep)} of {keep.size} facets "

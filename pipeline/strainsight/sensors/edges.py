@@ -290,8 +290,7 @@ def _nearest_two(
     with np.errstate(invalid="ignore"):
         is_across = np.abs(t @ t[first]) < ACROSS
     lies = np.abs((foot - point) @ normal) <= OFF * distance
-    across = is_across & lies & (share >= -EQUAL) & (share <= 1 + EQUAL)
-    if across.any():
+    if (across := is_across & lies & (share >= -EQUAL) & (share <= 1 + EQUAL)).any():
         indices.append(best(across))
     return [(float(distance[i]), foot[i], t[i]) for i in indices]
 

@@ -160,8 +160,7 @@ def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) ->
             f"the point {where} is {distance:.4g} m away from a part that is only {long:.4g} m long",
             remedy="Specify coordinates in m, whatever the unit of the deck.",
         )
-    others = faces.of != face
-    if others.any():
+    if (others := faces.of != face).any():
         rest = locate(skin_of(skin.position, skin.facets.some(others)), point[None])
         other = int(faces.of[others][rest.facet[0]])
         if rest.distance[0] - distance <= 1e-6 * long:

@@ -361,8 +361,7 @@ def installed_rows(
     points = points_within(position, grids, skin)
     z = np.asarray(field).reshape(3 * len(position), -1)
     rows = np.asarray(matrix_of(position, points, len(grids), thickness) @ z)
-    k = installation.transverse[:, None]
-    if k.any():
+    if (k := installation.transverse[:, None]).any():
         aside = replace(points, direction=np.cross(normals_of(position, points), points.direction))
         rows = (rows + k * (matrix_of(position, aside, len(grids), thickness) @ z)) / (1 - CALIBRATION_POISSON * k)
     if installation.mesh.any():

@@ -116,8 +116,7 @@ def _in_turn(falling: Sequence[np.ndarray], free: np.ndarray) -> Iterator[int]:
     rest = [iter(order.tolist()) for order in falling]
     while rest:
         for order in tuple(rest):
-            index = next((i for i in order if free[i]), None)
-            if index is None:
+            if (index := next((i for i in order if free[i]), None)) is None:
                 rest.remove(order)
             else:
                 yield index
@@ -129,8 +128,7 @@ def strongest_first(snr: np.ndarray) -> np.ndarray:
 
 
 def _check(rms: np.ndarray, std: np.ndarray) -> None:
-    bad = ~(np.isfinite(std) & (std > 0))
-    if bad.any():
+    if (bad := ~(np.isfinite(std) & (std > 0))).any():
         raise InfeasibleError(
             f"the standard deviation of the gauge noise is {std[bad][0]:g}",
             remedy="Specify a positive `gauges.noise_std`.",

@@ -73,8 +73,7 @@ def programs(environment: Mapping[str, str] = os.environ) -> Programs:
     for python, added in [(configured, ())] if configured else [(sys.executable, ()), *_debian()]:
         paths = os.pathsep.join(filter(None, (*added, *variables.get("PYTHONPATH", "").split(os.pathsep))))
         candidate = Programs(launcher, python, {**variables, "PYTHONPATH": paths} if paths else variables)
-        lacks = _lacking(candidate)
-        if not lacks:
+        if not (lacks := _lacking(candidate)):
             return candidate
         tried.append(f"{python}: {lacks}")
     raise UserError(

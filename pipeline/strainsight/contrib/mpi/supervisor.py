@@ -56,8 +56,7 @@ def main() -> None:
     signalled = False
     try:
         print(folder, flush=True)
-        line = sys.stdin.readline()
-        if not line:
+        if not (line := sys.stdin.readline()):
             return
         command, environment = json.loads(line)
         with open(folder / SAID, "wb") as output:

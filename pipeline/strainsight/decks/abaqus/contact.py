@@ -124,8 +124,7 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
             f"the second surface of a bonded contact needs facets, but {pair.second.name} consists of nodes only",
             f"define surface {pair.second.name} by element facets (*SURFACE, TYPE=ELEMENT)",
         )
-    size = facet_size(mesh, pair.first, pair.second)
-    if size is None:
+    if (size := facet_size(mesh, pair.first, pair.second)) is None:
         raise pair.row.error(
             f"the contact of {pair} includes shells or beams, but only solids can be bonded",
             "set mesh.contact: open, and join the parts by common nodes or by mesh.ties of type rigid or averaging",

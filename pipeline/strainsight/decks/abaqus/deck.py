@@ -72,10 +72,7 @@ OF_CONTACT = re.compile(
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
-    "PARAMETER": (
-        "named variables are not supported",
-        "write a number instead of each <name>, and remove *PARAMETER",
-    ),
+    "PARAMETER": ("named variables are not supported", "write a number instead of each <name>, and remove *PARAMETER"),
     "MANIFEST": ("an assembly of several decks (*MANIFEST) is not supported", "export the complete model as one deck"),
 }
 
@@ -120,8 +117,7 @@ def read_abaqus(
     ignored.update({card: len(steps) for card, steps in loaded.items()})
     node_sets, element_sets, set_names = _sets(assembly)
     sections = read_sections(assembly, keywords, set_names, ignored, required, materials_required)
-    left = assembly.element_ids[sections.left]
-    if left.size:
+    if (left := assembly.element_ids[sections.left]).size:
         element_sets = {name: np.setdiff1d(ids, left) for name, ids in element_sets.items()}
     blocks = cell_blocks(assembly, sections.region)
     _check_connectivity(assembly, blocks)
@@ -282,11 +278,11 @@ def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray],
     family = assembly.families
     for scope in (assembly.scopes[""], *(scope for name, scope in assembly.scopes.items() if name)):
         for key, written in assembly.set_names("NODE", scope).items():
-            rows = assembly.node_set(key, scope, scope.part.keywords[0])
+            rows = assembly.set_rows("NODE", key, scope, scope.part.keywords[0])
             nodes[_qualified_name(written, scope, assembly, used[0])] = np.sort(assembly.node_ids[rows])
         for key, written in assembly.set_names("ELEMENT", scope).items():
             name = names[scope.name, key] = _qualified_name(written, scope, assembly, used[1])
-            rows = assembly.element_set(key, scope, scope.part.keywords[0])
+            rows = assembly.set_rows("ELEMENT", key, scope, scope.part.keywords[0])
             known = rows[family[rows] != ""]
             if known.size or not rows.size:
                 elements[name] = np.sort(assembly.element_ids[known])

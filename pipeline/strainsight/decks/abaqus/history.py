@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from strainsight.decks.abaqus.scopes import Assembly, Scope, Step
-from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.abaqus.scopes import Assembly, Scope
+from strainsight.decks.abaqus.text import Keyword, Row, Step
 from strainsight.decks.faults import ENFORCED, HELD, plural
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.model import IntArray
@@ -219,7 +219,7 @@ class _Reader:
         if kind != "ELEMENT":
             raise keyword.error(f"TYPE={kind} is not supported", "set TYPE to ELEMENT or CONTACT PAIR")
         named = [
-            self.assembly.element_rows(entry, scope, row).tolist() for row in rows for entry in row.tokens if entry
+            self.assembly.rows("ELEMENT", entry, scope, row).tolist() for row in rows for entry in row.tokens if entry
         ]
         elements = frozenset(number for number_list in named for number in number_list)
         return replace(state, elements=state.elements - elements if "ADD" in ways else state.elements | elements)
@@ -240,7 +240,7 @@ class _Reader:
         return found_supports
 
     def _line(self, row: Row, scope: Scope) -> Supports:
-        nodes = np.unique(self.assembly.node_rows(row.text(0), scope, row))
+        nodes = np.unique(self.assembly.rows("NODE", row.text(0), scope, row))
         components = np.array(_fixed_components(row, self.ignored), dtype=np.int64)
         motion = np.sort((6 * nodes[:, None] + components).ravel())
         self.lines += 1

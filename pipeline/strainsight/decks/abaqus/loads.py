@@ -59,7 +59,7 @@ class LoadReader:
         force: dict[int, FloatArray] = {}
         moment: dict[int, FloatArray] = {}
         for row in keyword.rows(needed=False):
-            nodes = self.surfaces.assembly.node_rows(row.text(0), scope, row)
+            nodes = self.surfaces.assembly.rows("NODE", row.text(0), scope, row)
             component, value = row.component(1), row.real(2, "the force")
             for node in nodes.tolist():
                 direction = self.axes.get(node, np.eye(3))[:, component % 3]
@@ -88,7 +88,7 @@ class LoadReader:
             if label != "P" and number is None and label not in AXES:
                 self.ignored[f"*DLOAD {label}"] += 1
                 continue
-            rows = assembly.element_rows(row.text(0), scope, row)
+            rows = assembly.rows("ELEMENT", row.text(0), scope, row)
             shells = rows[assembly.families[rows] == "shell"]
             if label in AXES and shells.size < rows.size:
                 self.ignored[f"*DLOAD {label}"] += 1
@@ -144,7 +144,7 @@ class LoadReader:
 
 def _body(assembly: Assembly, scope: Scope, row: Row, label: str) -> BodyForce:
     """Gravity or rotation of the elements and point masses of a set, or of all if no set is named."""
-    rows = assembly.element_rows(row.text(0), scope, row) if row.text(0) else None
+    rows = assembly.rows("ELEMENT", row.text(0), scope, row) if row.text(0) else None
     elements = None if rows is None else np.sort(assembly.element_ids[rows])
     size = row.real(2, "the magnitude")
     start = 3 if label == "GRAV" else 6

@@ -162,8 +162,7 @@ def _type(definition: Definition) -> str:
 
 def _material(definition: Definition, number: int, notes: list[str]) -> Material:
     name = definition.keyword.parameters["NAME"]
-    elastic = definition.options.get("ELASTIC")
-    if elastic is None:
+    if (elastic := definition.options.get("ELASTIC")) is None:
         raise definition.keyword.error(
             f"a section refers to material {name!r}, but this material has no *ELASTIC",
             f"add an *ELASTIC with Young's modulus and Poisson's ratio{OR_CONFIG}",
@@ -243,19 +242,16 @@ def solid_stiffness(elastic: Keyword) -> FloatArray:
             raise rows[0].error(*fault)
         return orthotropic(*triples)
     pairs = [(i, j) for j in range(6) for i in range(j + 1)]
+    name = ("11", "22", "33", "12", "13", "23")
     if kind == "ORTHOTROPIC":
         pairs = [(i, j) for i, j in pairs if j < 3 or i == j]
     D = np.zeros((6, 6))
     i, j = np.array(pairs).T
-    D[i, j] = D[j, i] = _values(elastic, rows, [f"{_named(a)}{_named(b)}" for a, b in pairs])
+    D[i, j] = D[j, i] = _values(elastic, rows, [f"{name[a]}{name[b]}" for a, b in pairs])
     C = D[np.ix_(OURS, OURS)]
     if fault := stiffness_fault(C):
         raise rows[0].error(*fault)
     return C
-
-
-def _named(i: int) -> str:
-    return ("11", "22", "33", "12", "13", "23")[i]
 
 
 def _values(elastic: Keyword, rows: list[Row], names: tuple[str, ...] | list[str]) -> FloatArray:
@@ -319,8 +315,7 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     by coordinates; then rotated by an angle [deg] about axis 1, 2 or 3 of the second line. None without a name.
 
     Raises DeckError for a missing orientation, distributions, and other systems and definitions."""
-    orientation = named_orientation(assembly, scope, by, name)
-    if orientation is None:
+    if (orientation := named_orientation(assembly, scope, by, name)) is None:
         return None
     system = orientation.word("SYSTEM", "RECTANGULAR").replace(" ", "")
     definition = orientation.word("DEFINITION", "COORDINATES")
@@ -339,8 +334,7 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     points = np.array([first.real(i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
     if system == "CYLINDRICAL":
         origin, z = points[0], points[1] - points[0]
-        aside = np.eye(3)[np.argmin(np.abs(z))]
-        y = np.cross(z, aside)
+        y = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
         axes, kind = orthonormal(np.cross(y, z), z, first), "cylindrical"
     else:
         origin, kind = points[2], "rectangular"
@@ -356,10 +350,5 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
         raise rows[1].error(
             f"the rotation axis of the *ORIENTATION is {about}, not 1, 2 or 3", "correct the first entry of this line"
         )
-    turn = rotate_axes(about, rows[1].real(1, "the angle", 0.0))
+    turn = rotation(np.eye(3)[about - 1], np.radians(rows[1].real(1, "the angle", 0.0)))
     return SolidAxes(Orientation(moved, turn), about if rows[1].text(0) else None, orientation.where)
-
-
-def rotate_axes(about: int, degrees: float) -> FloatArray:
-    """Axes (3, 3), one in a column, rotated by an angle [deg] about axis 1, 2 or 3."""
-    return rotation(np.eye(3)[about - 1], np.radians(degrees))

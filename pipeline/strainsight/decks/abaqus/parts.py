@@ -84,8 +84,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
         first = np.arange(len(keyword.texts))
     elif len(first) * width != ends[-1]:
         raise _wrong_count_error(keyword, counts, width, type_)
-    values = integers(tokens)
-    if values is None:
+    if (values := integers(tokens)) is None:
         raise _invalid_id_error(keyword)
     values = values.reshape(-1, width)
     if values[:, 0].min() < 1:
@@ -266,8 +265,7 @@ def _node_lines(keyword: Keyword) -> tuple[IntArray, FloatArray]:
 
 def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     """*SYSTEM: origin a, and axes with x towards b and c in the xy plane on the side of y; without c, the z axis stays Z."""
-    rows = keyword.rows(needed=False)
-    if not rows:
+    if not (rows := keyword.rows(needed=False)):
         return np.zeros(3), np.eye(3)
     origin, b = rows[0].reals(6, "a coordinate").reshape(2, 3)
     if not any(rows[0].tokens[3:]):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, read_part
-from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.abaqus.text import MESH, Keyword, Row, Step, read_structure
 from strainsight.decks.faults import entity_error
 from strainsight.decks.text import describe_non_integer, is_whole, parse_integer
 from strainsight.errors import DeckError
@@ -18,81 +18,6 @@ from strainsight.mesh.coordinates import rotation
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.thin import concatenate
-
-MESH = ("NODE", "ELEMENT")
-SECTIONS = ("SOLIDSECTION", "SHELLSECTION", "SHELLGENERALSECTION", "BEAMSECTION", "BEAMGENERALSECTION")
-
-
-INSIDE = {"PART": (), "ASSEMBLY": (), "INSTANCE": ("ASSEMBLY",), "STEP": ()}
-"""Keyword that an *END closes → keywords that must enclose it."""
-
-
-@dataclass(frozen=True)
-class Step:
-    """A *STEP and its keywords; number from 1."""
-
-    number: int
-    keyword: Keyword
-    keywords: tuple[Keyword, ...]
-
-
-def read_structure(
-    keywords: list[Keyword],
-) -> tuple[tuple[Keyword, ...], dict[str, tuple[Keyword, ...]], list[tuple[Keyword, tuple[Keyword, ...]]], list[Step]]:
-    """Keywords of the model, of each part, of each instance with its *INSTANCE, and the steps."""
-    model: list[Keyword] = []
-    closed: dict[str, list[tuple[Keyword, tuple[Keyword, ...]]]] = {name: [] for name in INSIDE}
-    named: set[tuple[str, str]] = set()
-    opened: list[tuple[Keyword, list[Keyword]]] = []
-    for keyword in keywords:
-        name = keyword.name
-        around = opened[-1][0] if opened else None
-        if name in INSIDE:
-            if tuple(k.name for k, _ in opened) != INSIDE[name]:
-                raise keyword.error(
-                    f"this keyword is not allowed inside {around.title} at {around.where}"
-                    if around
-                    else "this keyword is only allowed inside *ASSEMBLY",
-                    f"write *END {around.name} before this line"
-                    if around
-                    else "move the lines between *ASSEMBLY and *END ASSEMBLY",
-                )
-            opened.append((keyword, []))
-        elif name.startswith("END") and name[3:] in INSIDE:
-            if around is None or around.name != name[3:]:
-                raise keyword.error(f"*{name[3:]} is missing before this line", f"add *{name[3:]}, or remove this line")
-            closed[around.name].append((around, tuple(opened.pop()[1])))
-            if around.name in ("PART", "INSTANCE"):
-                key = (around.name, around.needs("NAME").upper())
-                if key in named:
-                    what = f"{around.name.lower()} {around.parameters['NAME']!r} is defined twice"
-                    raise around.error(what, f"use a unique name for every {around.name.lower()}")
-                named.add(key)
-        elif around is None or around.name == "ASSEMBLY":
-            model.append(keyword)
-        else:
-            if around.name == "STEP" and name in (*MESH, *SECTIONS, "MATERIAL"):
-                raise keyword.error(
-                    "this keyword is not allowed inside a *STEP", "move the keyword before the first *STEP"
-                )
-            # Sets of a step are sets of the model.
-            of_model = name in ("NSET", "ELSET", "SURFACE") and around.name == "STEP"
-            (model if of_model else opened[-1][1]).append(keyword)
-    if opened:
-        start = opened[-1][0]
-        raise start.error(
-            f"*END {start.name} is missing",
-            f"add the line *END {start.name}; if the deck is truncated, export it again",
-        )
-    if closed["PART"] and not closed["INSTANCE"]:
-        raise closed["PART"][0][0].error(
-            "the deck has parts, but no *INSTANCE", "add an *ASSEMBLY with an *INSTANCE of each part"
-        )
-    parts = {start.needs("NAME").upper(): part_keywords for start, part_keywords in closed["PART"]}
-    steps = [
-        Step(number, start, step_keywords) for number, (start, step_keywords) in enumerate(closed["STEP"], start=1)
-    ]
-    return tuple(model), parts, closed["INSTANCE"], steps
 
 
 def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
@@ -180,8 +105,7 @@ class Assembly:
 
     def element_error(self, row: int, what: str, remedy: str) -> DeckError:
         """A DeckError at an element."""
-        number = int(self.element_ids[row])
-        return entity_error("element", number, what, remedy, lambda *_: self.where(row))
+        return entity_error("element", int(self.element_ids[row]), what, remedy, lambda *_: self.where(row))
 
     def name_of(self, rows: IntArray) -> Callable[[int], str]:
         """Index of an element in `rows` → `element`."""
@@ -214,22 +138,6 @@ class Assembly:
                     return self.scopes[name[:i].upper()], name[i + 1 :]
         return scope, name
 
-    def node_rows(self, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
-        """Rows of the node or node set that an entry names; DeckError if it does not exist."""
-        return self._rows("NODE", entry, scope, row)
-
-    def element_rows(self, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
-        """Rows of the element or element set that an entry names; DeckError if it does not exist."""
-        return self._rows("ELEMENT", entry, scope, row)
-
-    def node_set(self, name: str, scope: Scope, row: Keyword | Row) -> IntArray:
-        """Rows of the node set of this name, also if it is a number; DeckError if it does not exist."""
-        return self._named("NODE", name, scope, row)
-
-    def element_set(self, name: str, scope: Scope, row: Keyword | Row) -> IntArray:
-        """Rows of the element set of this name, also if it is a number; DeckError if it does not exist."""
-        return self._named("ELEMENT", name, scope, row)
-
     def connectivity(self, rows: IntArray, places: Sequence[int]) -> IntArray:
         """Rows (k, p) of the nodes of elements at these places of their connectivity."""
         return self.nodes[self.first[rows][:, None] + np.array(places)]
@@ -254,7 +162,8 @@ class Assembly:
             if of == kind
         }
 
-    def _rows(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
+    def rows(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
+        """Rows of the NODE or ELEMENT, or of the set of these, that an entry names; DeckError if it does not exist."""
         within, name = self.split_name(entry, scope)
         number = parse_integer(name)
         if number is None and is_whole(name):
@@ -265,12 +174,12 @@ class Assembly:
                 place = f" of instance {within.name}" if within.name else ""
                 raise row.error(f"{kind.lower()} {number}{place} is not in the deck", "correct the id")
             return rows
-        return self._named(kind, entry, scope, row)
+        return self.set_rows(kind, entry, scope, row)
 
-    def _named(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
+    def set_rows(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
+        """Rows of the set of this kind and name, also if the name is a number; DeckError if it does not exist."""
         within, name = self.split_name(entry, scope)
-        rows = self._set(kind, name.upper(), within, ())
-        if rows is None:
+        if (rows := self._set(kind, name.upper(), within, ())) is None:
             raise row.error(f"{kind.lower()} set {entry!r} is not in the deck", "correct the set name, or add the set")
         return rows
 
@@ -307,7 +216,7 @@ class Assembly:
                 raise keyword.error(f"instance {name!r} is not in the deck", "correct the instance name")
             scope = self.scopes[name.upper()]
         if kind == "NODE" and "ELSET" in parameters:
-            return self.element_nodes(self.element_set(parameters["ELSET"], scope, keyword))
+            return self.element_nodes(self.set_rows("ELEMENT", parameters["ELSET"], scope, keyword))
         if "GENERATE" in parameters:
             return self._generated(kind, keyword, scope)
         entries: list[tuple[str, Row]] = [(e, row) for row in keyword.rows(needed=False) for e in row.tokens if e]
@@ -318,7 +227,7 @@ class Assembly:
         for i in np.flatnonzero(missing):
             entry, row = entries[i]
             if numbers[i] is not None:
-                self._rows(kind, entry, scope, row)  # raises the error for the missing entry
+                self.rows(kind, entry, scope, row)  # raises the error for the missing entry
             within, name = self.split_name(entry, scope)
             if parse_integer(name) is None:
                 if f"{within.name}.{name.upper()}" in above:
@@ -327,7 +236,7 @@ class Assembly:
                         f"remove {entry!r} from this line",
                     )
                 self._set(kind, name.upper(), within, above)
-            parts.append(self._rows(kind, entry, scope, row))
+            parts.append(self.rows(kind, entry, scope, row))
         return np.concatenate(parts)
 
     def _generated(self, kind: str, keyword: Keyword, scope: Scope) -> IntArray:
@@ -335,10 +244,8 @@ class Assembly:
         parts = [np.zeros(0, dtype=np.int64)]
         lost = 0
         for row in keyword.rows():
-            low, high = (
-                row.integer(0, "the first id of the range"),
-                row.integer(1, "the last id of the range", row.integer(0, "the first id of the range")),
-            )
+            low = row.integer(0, "the first id of the range")
+            high = row.integer(1, "the last id of the range", low)
             step = row.integer(2, "the increment", 1) or 1
             if high < low or step < 0:
                 raise row.error(
@@ -427,7 +334,7 @@ def _join_scopes(scopes: dict[str, Scope], steps: tuple[Step, ...]) -> Assembly:
     for scope, block in cells:
         lines = block.keyword.rows() if block.words else []
         for i, word in block.words.items():
-            rows = assembly.node_rows(word, scope, lines[block.line[np.searchsorted(block.first, i, "right") - 1]])
+            rows = assembly.rows("NODE", word, scope, lines[block.line[np.searchsorted(block.first, i, "right") - 1]])
             assembly.nodes[base + i] = rows[0] if rows.size == 1 else -1
         base += len(block.nodes)
     return assembly

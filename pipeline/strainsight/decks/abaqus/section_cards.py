@@ -6,21 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.decks.abaqus.materials import (
-    Materials,
-    SolidAxes,
-    named_orientation,
-    rectangular_axes,
-    rotate_axes,
-    solid_axes,
-)
+from strainsight.decks.abaqus.materials import Materials, SolidAxes, named_orientation, rectangular_axes, solid_axes
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import elastic_fault
 from strainsight.decks.text import parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import STACKED, CompositeSolid, Layer, Orientation
-from strainsight.mesh.coordinates import BASIC
+from strainsight.mesh.coordinates import BASIC, rotation
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.section_shapes import section_of_shape
@@ -74,8 +67,7 @@ def beam_section(
         section, centroid = _general(rows[0], d), np.zeros(2)
     else:
         section, centroid = _shape(rows[0], shape, d)
-    offsets = [parameter for parameter in ("OFFSET1", "OFFSET2") if parameter in keyword.parameters]
-    if offsets:
+    if {"OFFSET1", "OFFSET2"} & keyword.parameters.keys():
         centroid = centroid - _offset(keyword, shape, d)
     if not shears:
         section = replace(section, shear=(0.0, 0.0))
@@ -260,10 +252,6 @@ def default_axes(corners: FloatArray) -> FloatArray:
 
 SIDES = {"SPOS": 0.5, "SNEG": -0.5}
 CONSTANT = "specify one number; distributions are not supported"
-REFUSED = {
-    "NODALTHICKNESS": "variable thickness is not supported",
-    "SHELLTHICKNESS": "variable thickness is not supported",
-}
 
 
 def shell_section(
@@ -279,9 +267,9 @@ def shell_section(
     thickness and for *SHELL GENERAL SECTION."""
     if keyword.name != "SHELLSECTION":
         raise keyword.error("this keyword is not supported", "use *SHELL SECTION with thickness and material")
-    for parameter, what in REFUSED.items():
+    for parameter in ("NODALTHICKNESS", "SHELLTHICKNESS"):
         if parameter in keyword.parameters:
-            raise keyword.error(f"{parameter}: {what}", "specify one constant thickness")
+            raise keyword.error(f"{parameter}: variable thickness is not supported", "specify one constant thickness")
     nonstructural = keyword.number("DENSITY", 0.0, CONSTANT)
     if nonstructural < 0:
         raise keyword.error(f"DENSITY (mass per area) is {nonstructural:g}, negative", "specify a positive value")
@@ -311,14 +299,9 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
                 "add ORIENTATION=… to the section",
             )
         return nothing
-    name, rows, parameters = (
-        orientation.parameters["NAME"].upper(),
-        orientation.rows(needed=False),
-        orientation.parameters,
-    )
-    simple = parameters.get("SYSTEM", "RECTANGULAR").upper() == "RECTANGULAR" and parameters.get(
-        "DEFINITION", "COORDINATES"
-    ).upper() in ("COORDINATES", "")
+    name, rows = orientation.word("NAME"), orientation.rows(needed=False)
+    by_coordinates = orientation.word("DEFINITION", "COORDINATES") in ("COORDINATES", "")
+    simple = by_coordinates and orientation.word("SYSTEM", "RECTANGULAR") == "RECTANGULAR"
     turn = [row.real(1, "the angle", 0.0) for row in rows[1:2] if simple]
     if not simple or not rows or parse_real(rows[0].text(0)) is None or any(turn):
         if matters:
@@ -394,7 +377,7 @@ def _layer(
             "define the rotation axis",
             "add a second line to this *ORIENTATION: the axis normal to the layers (1, 2 or 3), and the angle 0",
         )
-    turn = layer_axes.orientation.turn @ rotate_axes(layer_axes.about, angle)
+    turn = layer_axes.orientation.turn @ rotation(np.eye(3)[layer_axes.about - 1], np.radians(angle))
     return Layer(material, t, replace(layer_axes.orientation, turn=turn))
 
 

@@ -82,7 +82,7 @@ def read_sections(
         for keyword in scope.part.keywords:
             if keyword.name not in FOR:
                 continue
-            rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
+            rows = assembly.set_rows("ELEMENT", keyword.needs("ELSET"), scope, keyword)
             known = rows[assembly.families[rows] != ""]
             if not known.size and (rows.size or keyword.name != "SOLIDSECTION"):
                 continue
@@ -112,8 +112,7 @@ def read_sections(
 
 def _check_family(assembly: Assembly, keyword: Keyword, rows: IntArray) -> None:
     family = assembly.families
-    other = rows[~np.isin(family[rows], FOR[keyword.name])]
-    if other.size:
+    if (other := rows[~np.isin(family[rows], FOR[keyword.name])]).size:
         row = int(other[0])
         raise keyword.error(
             f"the element set contains {assembly.element(row)}, to which this section does not apply "
@@ -231,8 +230,7 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
     blocks = []
     kinds = assembly.thin_kinds
     for kind in SHELL_KINDS:
-        rows = np.flatnonzero((kinds == kind) & (sections.region > 0))
-        if not rows.size:
+        if not (rows := np.flatnonzero((kinds == kind) & (sections.region > 0))).size:
             continue
         nodes = assembly.connectivity(rows, range(NODES[kind]))
         if (at := find_repeated_node(nodes)) is not None:
@@ -272,8 +270,7 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
     blocks = []
     kinds = assembly.thin_kinds
     for kind in BEAM_KINDS:
-        rows = np.flatnonzero((kinds == kind) & (sections.region > 0))
-        if not rows.size:
+        if not (rows := np.flatnonzero((kinds == kind) & (sections.region > 0))).size:
             continue
         _check_count(assembly, rows, IN_ORDER[kind])
         nodes = assembly.connectivity(rows, IN_ORDER[kind])

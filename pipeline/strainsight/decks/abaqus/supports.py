@@ -29,7 +29,7 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
         row = keyword.rows()[0]
         a, b = row.reals(6, "a coordinate").reshape(2, 3)
         kind = keyword.word("TYPE", "R") or "R"
-        nodes = assembly.node_set(keyword.needs("NSET"), scope, keyword)
+        nodes = assembly.set_rows("NODE", keyword.needs("NSET"), scope, keyword)
         if kind not in ("R", "C", "S"):
             raise keyword.error(f"TYPE={kind} is not supported", "set TYPE to R, C or S")
         for node in nodes.tolist():
@@ -116,7 +116,7 @@ def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterat
                 raise keyword.error(f"the parameter {parameter} is not supported", remedy)
         if keyword.word("TYPE", "ISOTROPIC") not in ("ISOTROPIC", ""):
             raise keyword.error("anisotropic masses are not supported", "set TYPE=ISOTROPIC, and write one mass")
-        rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
+        rows = assembly.set_rows("ELEMENT", keyword.needs("ELSET"), scope, keyword)
         for row in rows[wanted[rows]].tolist():
             if row in keyword_of_row:
                 raise keyword.error(
@@ -286,8 +286,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
             )
         terms: list[tuple[Row, int]] = []
         while len(terms) < count:
-            row = next(rows, None)
-            if row is None:
+            if (row := next(rows, None)) is None:
                 raise start.error(
                     f"{count} terms are declared, but {len(terms)} are defined",
                     "add the missing terms, or correct the number of terms",
@@ -305,8 +304,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
 
 def _term(assembly: Assembly, scope: Scope, row: Row, at: int) -> Term:
     component = row.component(at + 1)
-    nodes = assembly.node_rows(row.text(at), scope, row)
-    if not nodes.size:
+    if not (nodes := assembly.rows("NODE", row.text(at), scope, row)).size:
         raise row.error(
             f"node set {row.text(at)!r} is empty", "add nodes to this node set, or remove the term from the equation"
         )

@@ -50,8 +50,7 @@ class Surfaces:
     def find(self, entry: str, scope: Scope, by: Keyword | Row) -> Surface:
         """The surface that an entry names; DeckError if it does not exist."""
         within, name = self.assembly.split_name(entry, scope)
-        surface = self.by_name.get((within.name.upper(), name.upper()))
-        if surface is None:
+        if (surface := self.by_name.get((within.name.upper(), name.upper()))) is None:
             raise by.error(
                 f"surface {entry!r} is not in the deck, or has an unsupported type",
                 "correct the name, or define the surface by *SURFACE with TYPE=ELEMENT or NODE",
@@ -63,8 +62,7 @@ def cell_blocks(assembly: Assembly, region: IntArray) -> tuple[CellBlock, ...]:
     """Solids by kind: their ids, nodes (rows) and region."""
     blocks = []
     for i, kind in enumerate(ELEMENTS):
-        rows = np.flatnonzero(assembly.kind == i)
-        if rows.size:
+        if (rows := np.flatnonzero(assembly.kind == i)).size:
             nodes = assembly.connectivity(rows, range(len(kind.nodes)))
             blocks.append(CellBlock(kind.name, assembly.element_ids[rows], nodes, region[rows]))
     return tuple(blocks)
@@ -90,10 +88,10 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
             assembly.notes.append(f"{keyword.where}: surface {name} has no data lines, so it is empty")
         for row in keyword.rows(needed=False):
             if kind == "NODE":
-                nodes = assembly.node_rows(row.text(0), scope, row)
+                nodes = assembly.rows("NODE", row.text(0), scope, row)
                 parts.shares.append((nodes, np.full(len(nodes), row.real(1, "the area", 1.0))))
                 continue
-            rows = assembly.element_rows(row.text(0), scope, row)
+            rows = assembly.rows("ELEMENT", row.text(0), scope, row)
             if np.isin(family[rows], ("beam", "rod")).any():
                 assembly.notes.append(f"{row.where}: beams and trusses are left out of surface {name} (no facets)")
             solids, label = rows[family[rows] == "solid"], row.text(1).upper()

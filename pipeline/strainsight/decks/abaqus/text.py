@@ -1,4 +1,4 @@
-"""Abaqus and CalculiX decks as keywords with parameters and data lines; comments, continuations and included files are resolved.
+"""Abaqus and CalculiX decks as keywords with parameters and data lines, with included files, by part, instance and step.
 
 meshio is not used: it merges the instances of an assembly, loses materials and fails at unknown element types."""
 
@@ -63,8 +63,7 @@ class Keyword:
 
     def needs(self, parameter: str) -> str:
         """Value of a parameter; DeckError if it is missing or empty."""
-        value = self.parameters.get(parameter.replace(" ", ""), "")
-        if not value:
+        if not (value := self.parameters.get(parameter.replace(" ", ""), "")):
             raise self.error(f"{parameter} is missing", f"add {parameter}=…")
         return value
 
@@ -220,8 +219,7 @@ def _expand_include(line: Line, path: Path, includes: Includes, parents: tuple[P
         yield line
         return
     above = (*parents, path.resolve())
-    target = includes.file(_keyword(line).needs("INPUT"), "*INCLUDE", line, above)
-    yield from _lines(target, includes, above)
+    yield from _lines(includes.file(_keyword(line).needs("INPUT"), "*INCLUDE", line, above), includes, above)
 
 
 def _keyword(line: Line) -> Keyword:
@@ -247,3 +245,79 @@ def split_quoted(text: str) -> list[str]:
         return [entry.strip() for entry in text.split(",")]
     masked = _QUOTED.sub(lambda match: match[0].replace(",", "\0"), text)
     return [entry.strip().replace("\0", ",") for entry in masked.split(",")]
+
+
+MESH = ("NODE", "ELEMENT")
+SECTIONS = ("SOLIDSECTION", "SHELLSECTION", "SHELLGENERALSECTION", "BEAMSECTION", "BEAMGENERALSECTION")
+
+
+INSIDE = {"PART": (), "ASSEMBLY": (), "INSTANCE": ("ASSEMBLY",), "STEP": ()}
+"""Keyword that an *END closes → keywords that must enclose it."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A *STEP and its keywords; number from 1."""
+
+    number: int
+    keyword: Keyword
+    keywords: tuple[Keyword, ...]
+
+
+def read_structure(
+    keywords: list[Keyword],
+) -> tuple[tuple[Keyword, ...], dict[str, tuple[Keyword, ...]], list[tuple[Keyword, tuple[Keyword, ...]]], list[Step]]:
+    """Keywords of the model, of each part, of each instance with its *INSTANCE, and the steps."""
+    model: list[Keyword] = []
+    closed: dict[str, list[tuple[Keyword, tuple[Keyword, ...]]]] = {name: [] for name in INSIDE}
+    named: set[tuple[str, str]] = set()
+    opened: list[tuple[Keyword, list[Keyword]]] = []
+    for keyword in keywords:
+        name = keyword.name
+        around = opened[-1][0] if opened else None
+        if name in INSIDE:
+            if tuple(k.name for k, _ in opened) != INSIDE[name]:
+                raise keyword.error(
+                    f"this keyword is not allowed inside {around.title} at {around.where}"
+                    if around
+                    else "this keyword is only allowed inside *ASSEMBLY",
+                    f"write *END {around.name} before this line"
+                    if around
+                    else "move the lines between *ASSEMBLY and *END ASSEMBLY",
+                )
+            opened.append((keyword, []))
+        elif name.startswith("END") and name[3:] in INSIDE:
+            if around is None or around.name != name[3:]:
+                raise keyword.error(f"*{name[3:]} is missing before this line", f"add *{name[3:]}, or remove this line")
+            closed[around.name].append((around, tuple(opened.pop()[1])))
+            if around.name in ("PART", "INSTANCE"):
+                key = (around.name, around.needs("NAME").upper())
+                if key in named:
+                    what = f"{around.name.lower()} {around.parameters['NAME']!r} is defined twice"
+                    raise around.error(what, f"use a unique name for every {around.name.lower()}")
+                named.add(key)
+        elif around is None or around.name == "ASSEMBLY":
+            model.append(keyword)
+        else:
+            if around.name == "STEP" and name in (*MESH, *SECTIONS, "MATERIAL"):
+                raise keyword.error(
+                    "this keyword is not allowed inside a *STEP", "move the keyword before the first *STEP"
+                )
+            # Sets of a step are sets of the model.
+            of_model = name in ("NSET", "ELSET", "SURFACE") and around.name == "STEP"
+            (model if of_model else opened[-1][1]).append(keyword)
+    if opened:
+        start = opened[-1][0]
+        raise start.error(
+            f"*END {start.name} is missing",
+            f"add the line *END {start.name}; if the deck is truncated, export it again",
+        )
+    if closed["PART"] and not closed["INSTANCE"]:
+        raise closed["PART"][0][0].error(
+            "the deck has parts, but no *INSTANCE", "add an *ASSEMBLY with an *INSTANCE of each part"
+        )
+    parts = {start.needs("NAME").upper(): part_keywords for start, part_keywords in closed["PART"]}
+    steps = [
+        Step(number, start, step_keywords) for number, (start, step_keywords) in enumerate(closed["STEP"], start=1)
+    ]
+    return tuple(model), parts, closed["INSTANCE"], steps

@@ -49,7 +49,7 @@ class Ties:
 
     def reference(self, scope: Scope, keyword: Keyword, parameter: str = "REF NODE") -> int:
         """The node that a parameter names; DeckError if it is not exactly one."""
-        rows = self.surfaces.assembly.node_rows(keyword.needs(parameter), scope, keyword)
+        rows = self.surfaces.assembly.rows("NODE", keyword.needs(parameter), scope, keyword)
         if len(rows) != 1:
             raise keyword.error(
                 f"{parameter}={keyword.parameters[parameter.replace(' ', '')]} refers to {len(rows)} nodes instead of one",
@@ -76,7 +76,7 @@ class Ties:
     def add_kinematic_coupling(self, scope: Scope, keyword: Keyword) -> None:
         reference = self.reference(scope, keyword)
         for row in keyword.rows():
-            nodes = _remove_reference(self.surfaces.assembly.node_rows(row.text(0), scope, row), reference, row)
+            nodes = _remove_reference(self.surfaces.assembly.rows("NODE", row.text(0), scope, row), reference, row)
             components = component_range([row], 1)
             _check_orientation(keyword, row, components)
             self.check_axes(row, nodes, components)
@@ -87,9 +87,9 @@ class Ties:
         tied, pinned = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         for parameter, members in (("TIENSET", tied), ("NSET", tied), ("PINNSET", pinned)):
             if parameters.get(parameter):
-                members.append(assembly.node_set(parameters[parameter], scope, keyword))
+                members.append(assembly.set_rows("NODE", parameters[parameter], scope, keyword))
         if parameters.get("ELSET"):
-            tied.append(assembly.element_nodes(assembly.element_set(parameters["ELSET"], scope, keyword)))
+            tied.append(assembly.element_nodes(assembly.set_rows("ELEMENT", parameters["ELSET"], scope, keyword)))
         every = np.concatenate([*tied, *pinned])
         if parameters.get("REFNODE") or not every.size:
             reference = self.reference(scope, keyword)
@@ -158,7 +158,7 @@ class Ties:
         members = [entry for entry in row.tokens[1:] if entry]
         nodes = reference = NOTHING
         if kind in ("BEAM", "TIE", "PIN") and len(members) == 2:
-            nodes, reference = (assembly.node_rows(entry, scope, row) for entry in members)
+            nodes, reference = (assembly.rows("NODE", entry, scope, row) for entry in members)
         distance = (
             assembly.position[nodes] - assembly.position[reference[:1]] if len(reference) == 1 else np.zeros((0, 3))
         )
@@ -197,8 +197,7 @@ def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[st
 
 
 def _remove_reference(nodes: IntArray, reference: int, at: Keyword | Row) -> IntArray:
-    rest = nodes[nodes != reference]
-    if not rest.size:
+    if not (rest := nodes[nodes != reference]).size:
         raise at.error("the only tied node is the reference node", "add the dependent nodes to the node set or surface")
     return rest
 
@@ -250,8 +249,7 @@ def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, 
             continue
         for row in keyword.rows():
             first, second = (surfaces.find(row.text(i), scope, row) for i in (0, 1))
-            size = facet_size(mesh, first, second)
-            if size is None:
+            if (size := facet_size(mesh, first, second)) is None:
                 refused.setdefault(OF_THIN, []).append(row.where)
                 continue
             within = keyword.number("POSITION TOLERANCE", TOLERANCE * size, "specify a distance")
@@ -308,8 +306,7 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     Faces of a model with CONTACT press on those through their *CONTACT PAIR and are not sector
     faces. Raises DeckError for sectors of several numbers or axes (multistage), and for errors of `whole_ring`."""
     assembly = surfaces.assembly
-    models = list(assembly.keywords(SECTOR))
-    if not models:
+    if not (models := list(assembly.keywords(SECTOR))):
         return mesh, surfaces
     first = models[0][1]
     count, axis = _sector_of(first)

@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, entity_error, plural
 from strainsight.decks.gmsh.records import KINDS, TYPES, Chunk, NodeRows, remedy
-from strainsight.decks.gmsh.sections import GmshFile, read_file
+from strainsight.decks.gmsh.sections import GmshFile, GmshReader
 from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.assigned_sections import (
@@ -21,7 +21,6 @@ from strainsight.mesh.assigned_sections import (
     GivenSection,
     SectionsByGroup,
     regions_with_sections,
-    sections_by_region,
     with_given,
 )
 from strainsight.mesh.kinds import ELEMENTS
@@ -66,8 +65,7 @@ def merge_doubled(solids: list[Chunk], version: str) -> tuple[list[Chunk], Doubl
 
 
 def note_doubled(doubled: Doubled) -> list[str]:
-    count = len(doubled.dropped)
-    if not count:
+    if not (count := len(doubled.dropped)):
         return []
     return [
         f"the file repeats elements ({count} in total; element {doubled.dropped[0]} repeats element {doubled.remaining[0]}), "
@@ -126,8 +124,7 @@ def thin_cells(
             lower = "set Mesh.ElementOrder = 2 (or 1) before meshing"
             remedy = incomplete if chunk.type == NINE else lower
             raise entity_error("element", element, what, remedy, file.where)
-        groups = tuple(sorted(tag for tag in section_tags if tag is not None))
-        chunks.append(replace(chunk, groups=groups))
+        chunks.append(replace(chunk, groups=tuple(sorted(tag for tag in section_tags if tag is not None))))
     left, doubled = merge_doubled(chunks, file.version)
     several = [(int(chunk.ids[0]), chunk.kind.dimension, chunk.groups) for chunk in left if len(chunk.groups) > 1]
     several += _written_twice(chunks, doubled)
@@ -185,7 +182,7 @@ def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, Given
     file. Raises DeckError for unsupported input, with file:line in text files, and UserError for a missing region of a section.
     """
     path = Path(path)
-    file = read_file(path)
+    file = GmshReader(path).read()
     if file.skipped["$PartitionedEntities"]:
         raise error_at(
             path,
@@ -214,7 +211,7 @@ def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, Given
         source=str(path),
         origin=_origin(str(path), nodes, [*solids, *thin.chunks]),
     )
-    return with_given(mesh, thin.cells, sections_by_region(thin.chosen))
+    return with_given(mesh, thin.cells, thin.chosen)
 
 
 def _check_types(solids: list[Chunk], file: GmshFile, required: bool) -> None:
@@ -251,8 +248,7 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     elif outside:
         regions[spare] = Region(spare, "solids", 0)
         notes.append("the file has no physical volumes; all elements are in region 1 (solids)")
-    several = [chunk for chunk in solids if len(chunk.groups) > 1]
-    if several:
+    if several := [chunk for chunk in solids if len(chunk.groups) > 1]:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
         notes.append(
             f"elements in several physical volumes ({count} in total, for example in the volumes {both}) belong to the "
@@ -260,8 +256,7 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
         )
     blocks = []
     for kind in ELEMENTS:
-        chunks_of_kind = [chunk for chunk in solids if chunk.type == kind.gmsh]
-        if not chunks_of_kind:
+        if not (chunks_of_kind := [chunk for chunk in solids if chunk.type == kind.gmsh]):
             continue
         parts = [block_of(file, c, kind.name, kind.gmsh_order, min(c.groups, default=spare)) for c in chunks_of_kind]
         blocks.append(CellBlock.joined(parts))

@@ -191,8 +191,7 @@ class Binary:
 
     def finish(self) -> None:
         """Raise DeckError unless the section ends here."""
-        tail = self.content[self.at : self.at + 40].lstrip()
-        if not tail.startswith(b"$End" + self.name.encode()):
+        if not self.content[self.at : self.at + 40].lstrip().startswith(b"$End" + self.name.encode()):
             raise self.error(f"$End{self.name} is missing after the last entry")
 
 

@@ -67,26 +67,20 @@ def is_gmsh(path: Path) -> bool:
         return False
 
 
-def read_file(path: Path) -> GmshFile:
-    """Read the sections of a gmsh file, unpacked if its name ends in .gz. Raises DeckError for a file that is missing, empty,
-    damaged or has an unsupported version."""
-    return _Reader(read_bytes(Path(path)).removeprefix(b"\xef\xbb\xbf"), str(path)).read()
+class GmshReader:
+    """Reader of the sections of a gmsh file, unpacked if its name ends in .gz. Raises DeckError for a file that is missing,
+    empty, damaged or has an unsupported version."""
 
-
-class _Reader:
-    """Reader of the sections of a file."""
-
-    def __init__(self, content: bytes, path: str):
-        self.content, self.path = content, path
-        self.file = GmshFile(path)
+    def __init__(self, path: Path):
+        self.content, self.path = read_bytes(path).removeprefix(b"\xef\xbb\xbf"), str(path)
+        self.file = GmshFile(self.path)
         self.groups: dict[tuple[int, int], tuple[int, ...]] = {}
         self.binary, self.order, self.size = False, "<", 8
 
     def read(self) -> GmshFile:
         at, section_names = 0, set[str]()
         while (at := _BLANKS.match(self.content, at).end()) < len(self.content):  # type: ignore[union-attr]
-            header = _HEADER.match(self.content, at)
-            if not header:
+            if not (header := _HEADER.match(self.content, at)):
                 raise self._error("the line is not the start of a section, such as $Nodes", at)
             name = header[1].decode("latin-1")
             if not self.file.version and name not in ("MeshFormat", "Comments"):
@@ -139,8 +133,7 @@ class _Reader:
             self.order = "<" if rest[0] else ">"
 
     def _names(self, body: bytes, start: int) -> None:
-        line = self._line(start)
-        rows = [(n, row) for n, row in enumerate(body.split(b"\n"), line) if row.strip()]
+        rows = [(n, row) for n, row in enumerate(body.split(b"\n"), self._line(start)) if row.strip()]
         for number, row in rows[1:]:
             text = row.decode("utf-8", "replace")
             match = _NAME.fullmatch(text)

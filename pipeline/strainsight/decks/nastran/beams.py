@@ -76,15 +76,13 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
             for i, card in enumerate(cards):
                 _check_offt(card)
                 for end in (0, 1):
-                    offset[i, end] = _offset(card, end, int(nodes[i, end]), grids)
+                    local = [card.real(10 + 3 * end + k, "an offset", 0.0) for k in range(3)]  # WA or WB
+                    offset[i, end] = grids.axes.get(int(nodes[i, end]), np.eye(3)) @ local
                     released[i, end, _released_components(card, end)] = True
         along = np.diff(grids.position[nodes] + offset, axis=1)[:, 0]
-        length = np.linalg.norm(along, axis=1)
-        short = ~(length > APART * extent)
-        if short.any():
+        if (short := ~(np.linalg.norm(along, axis=1) > APART * extent)).any():
             raise cards[int(np.argmax(short))].error(
-                "both ends of the element coincide",
-                "move a node, correct the offsets, or remove the element",
+                "both ends of the element coincide", "move a node, correct the offsets, or remove the element"
             )
         if kind == "beam":
             v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])
@@ -111,12 +109,6 @@ def _check_offt(card: Card) -> None:
     raise card.error(f"OFFT is {text}: only offsets along nodal axes are supported", "set OFFT to GGG or BGG")
 
 
-def _offset(card: Card, end: int, row: int, grids: Grids) -> FloatArray:
-    """WA or WB along the basic axes."""
-    offset = [card.real(10 + 3 * end + i, "an offset", 0.0) for i in range(3)]
-    return np.asarray(grids.axes.get(row, np.eye(3)) @ offset)
-
-
 def _released_components(card: Card, end: int) -> list[int]:
     """Pin flags PA or PB as components."""
     text = card.text(8 + end)
@@ -133,8 +125,7 @@ def _released_components(card: Card, end: int) -> list[int]:
 
 def _orientation(card: Card, A: int, grids: Grids) -> FloatArray:
     """Orientation vector v (3,) along the basic axes."""
-    v = grids.direction(card, A, basic=card.text(7).upper().startswith("B"))
-    if v is None:
+    if (v := grids.direction(card, A, basic=card.text(7).upper().startswith("B"))) is None:
         raise card.error(f"the orientation is missing: G0, X1 to X3, or a {DEFAULTS[card.name]}", "specify G0 or X1-X3")
     return v
 

@@ -144,8 +144,7 @@ def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
         if match:
             definitions.append((_id(match[1], line.where), [], line.where))
         if match or continued:
-            text = match[2] if match else line.text
-            definitions[-1][1].extend(text.replace(",", " ").upper().split())
+            definitions[-1][1].extend((match[2] if match else line.text).replace(",", " ").upper().split())
             continued = line.text.endswith(",")
     return definitions
 
@@ -274,12 +273,8 @@ def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dic
     `Mesh`). A name that resembles a used one is a doubt."""
     effect = {}
     for card in _parameters(deck):
-        name = card.text(0).upper()
-        if (
-            name in HONOURED
-            or (name in SCALES and _has_value(card, 1.0))
-            or (name in STRUCTURE and _has_value(card, 0.0))
-        ):
+        name, value = card.text(0).upper(), parse_real(card.text(1))
+        if name in HONOURED or (name in SCALES and value == 1) or (name in STRUCTURE and value == 0):
             continue
         if name == "LGDISP" and not large_displacements(deck):
             continue
@@ -299,7 +294,3 @@ def _parameters(deck: Deck) -> tuple[Card, ...]:
 
 def _parameters_named(cards: Sequence[Card], name: str) -> list[Card]:
     return [card for card in cards if card.text(0).upper() == name]
-
-
-def _has_value(card: Card, value: float) -> bool:
-    return parse_real(card.text(1)) == value

@@ -145,10 +145,7 @@ class NodeTable(IdTable):
     def _fault(self, node_id: int) -> tuple[str, str]:
         ids = np.array([node_id])
         if any((expand(card.tokens, ids, card.where)[0] == node_id).any() for card in self._scalar):
-            return (
-                f"node {node_id} is a scalar point (SPOINT), which is not supported",
-                "define the node as a GRID",
-            )
+            return f"node {node_id} is a scalar point (SPOINT), which is not supported", "define the node as a GRID"
         return f"node {node_id} is not in the deck", f"add a GRID card with id {node_id}, or correct the id"
 
 
@@ -176,8 +173,7 @@ class Grids:
 def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
     """Read GRID; blank fields CP, CD and PS have the values of GRDSET. Raises DeckError for a deck without GRID, a duplicate id,
     and a missing system."""
-    grids = cards.of("GRID")
-    if not grids:
+    if not (grids := cards.of("GRID")):
         raise error_at(path, "the deck contains no GRID card", "check that the file is the input deck of the model")
     if long := [card for card in grids if len(card.tokens) > 8 and any(card.tokens[8:])]:
         raise long[0].error(

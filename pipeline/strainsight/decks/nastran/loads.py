@@ -84,8 +84,8 @@ def _pressed_facets(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
         outlines.append((card, tuple(grids.nodes.row(i, card) for i in ids), (p,) * len(ids)))
     for card in cards.of("PLOAD2"):
         p = card.real(1, "the pressure")
-        for corners in _named_plates(card, card.tokens[2:], plates):
-            outlines.append((card, corners, (p,) * len(corners)))
+        named = _named_plates(card, card.tokens[2:], plates)
+        outlines += [(card, corners, (p,) * len(corners)) for corners in named]
     for card in cards.of("PLOAD4"):
         number = card.integer(1, "the element id")
         first = card.real(2, "the pressure")
@@ -100,8 +100,7 @@ def _pressed_facets(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
             )
         else:
             last = [card.text(1), *card.tokens[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
-            for corners in _named_plates(card, last, plates):
-                outlines.append((card, corners, p4[: len(corners)]))
+            outlines += [(card, corners, p4[: len(corners)]) for corners in _named_plates(card, last, plates)]
     return facets + _facets_of_outlines(outlines, grids, mesh)
 
 
@@ -213,8 +212,7 @@ def _facets_of_outlines(
             )
         kind, nodes = facets[frozenset(corners)]
         at = [corners.index(row) for row in nodes[: kind.corners].tolist()]
-        outward = (at[1] - at[0]) % len(corners) == 1
-        sign = -1.0 if outward else 1.0
+        sign = -1.0 if (at[1] - at[0]) % len(corners) == 1 else 1.0  # outward normal: -1
         along = _pressures_along(card, grids) if card.name == "PLOAD4" else None
         value = tuple((p[i] if along else sign * p[i]) for i in at)
         pressed.append(Pressed(_set(card), kind, nodes, value, along))
@@ -288,9 +286,8 @@ def static_loads(
                 row = grids.nodes.row(card.integer(1, "the node id"), card)
                 values = of(card).force if kind == "FORCE" else of(card).moment
                 values[row] += _vector(card, row, points, grids)
-    for name in ("PLOAD", "PLOAD2", "PLOAD4"):
-        for card in cards.of(name):
-            of(card)
+    for card in cards.of("PLOAD", "PLOAD2", "PLOAD4"):
+        of(card)
     for number, rows, force in pressure_forces(cards, grids, mesh):
         forces = sets[number].force
         for row, value in zip(rows.tolist(), force, strict=True):
@@ -371,7 +368,6 @@ def preloads(deck: Deck) -> dict[str, list[Line]]:
     large = large_displacements(deck)
     if solution in STATIC and large:
         lines_by_name[f"SOL {solution}"] = [line for line in control if _METHOD.match(line.text)]
-    loaded = any(_LOADED.match(line.text) for line in control)
-    if solution in STEPS and loaded and large is not False:
+    if solution in STEPS and any(_LOADED.match(line.text) for line in control) and large is not False:
         lines_by_name[f"SOL {solution}"] = [line for line in control if _MODES.match(line.text)]
     return {f"{PRELOAD} by {name}": lines for name, lines in lines_by_name.items() if lines}

@@ -84,12 +84,7 @@ def properties(
     materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, materials_required)
     pairs = ((of_solids, anisotropic), (of_plies, laminae), (isotropic, materials))
     note_damping((known[mid] for known, mids in pairs for mid in mids), notes)
-    general = (
-        thin_property.mids
-        for thin_property in thin.properties.values()
-        if isinstance(thin_property.section, GeneralShell)
-    )
-    in_general = {mid for mids in general for mid in mids}
+    in_general = {mid for p in thin.properties.values() if isinstance(p.section, GeneralShell) for mid in p.mids}
     used_materials: dict[str, Collection[int]] = dict.fromkeys(ANISOTROPIC, anisotropic)
     used_materials["MAT8"] = used_materials["MAT2"] = {*laminae, *in_general}
     used_materials["MAT1"] = {*(mid for _, mid in named), *in_general}

@@ -247,8 +247,7 @@ def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[s
 
 
 def _card(card: Card, what: str, number: int, known: Mapping[int, Sequence[Card]]) -> Card:
-    cards = known.get(number, [])
-    if not cards:
+    if not (cards := known.get(number, [])):
         raise card.error(
             f"material {number} of {what} is not a MAT1, MAT2 or MAT8 of the deck",
             f"add one of these cards with id {number}",

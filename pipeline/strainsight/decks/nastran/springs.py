@@ -48,8 +48,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
         if card.name == "CBUSH":
             elements_found.append(_bush(card, grids, bushes))
             continue
-        has_stiffness = card.name == "CELAS2"
-        if has_stiffness:
+        if card.name == "CELAS2":
             k, damping = card.real(1, "the stiffness"), card.real(6, "the damping coefficient GE", 0.0)
         else:
             k, damping = _property_of(card, scalar, "PELAS")
@@ -92,8 +91,7 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
             continue
         component = card.component(at + 1)
         row = grids.nodes.row(card.integer(at, "the node id"), card)
-        axis = grids.axes.get(row, np.eye(3))[:, component % 3]
-        ends.append((row, 3 * (component // 3), sign * axis))
+        ends.append((row, 3 * (component // 3), sign * grids.axes.get(row, np.eye(3))[:, component % 3]))
     if not ends:
         raise card.error("the spring is not connected to a node", "specify a node and its component")
     if len({first for _, first, _ in ends}) > 1:
@@ -278,10 +276,7 @@ def _conm1(card: Card, grids: Grids) -> tuple[int, FloatArray]:
 
 
 def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int, FloatArray]:
-    if card.name == "CMASS2":
-        mass = card.real(1, "the mass")
-    else:
-        mass = _property_of(card, properties, "PMASS")
+    mass = card.real(1, "the mass") if card.name == "CMASS2" else _property_of(card, properties, "PMASS")
     ends = [i for i in (2, 4) if not card.is_blank(i) and not card.is_blank(i + 1)]
     if len(ends) != 1:
         raise card.error(

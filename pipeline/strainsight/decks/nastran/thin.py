@@ -80,16 +80,8 @@ class Thin:
     @property
     def only_beams(self) -> set[int]:
         """Ids of the materials that only beams use."""
-        of_beams, of_shells = (
-            {
-                mid
-                for thin_property in self.properties.values()
-                if isinstance(thin_property.section, BeamSection) == beams
-                for mid in thin_property.mids
-            }
-            for beams in (True, False)
-        )
-        return of_beams - of_shells
+        of_shells = {mid for p in self.properties.values() if not isinstance(p.section, BeamSection) for mid in p.mids}
+        return {mid for p in self.properties.values() for mid in p.mids} - of_shells
 
 
 def read_thin(
@@ -122,15 +114,10 @@ def read_thin(
             if required:
                 raise
     has_property = np.isin(region, list(properties))
-    left_out = Counter(
-        card.name for card, imported in zip(elements_in_order, has_property, strict=True) if not imported
-    )
+    left_out = Counter(elements_in_order[i].name for i in np.flatnonzero(~has_property))
     left_out.update(_unused(cards, properties))
-    elements = Elements(
-        [card for card, imported in zip(elements_in_order, has_property, strict=True) if imported],
-        ids[has_property],
-        region[has_property],
-    )
+    imported = [elements_in_order[i] for i in np.flatnonzero(has_property)]
+    elements = Elements(imported, ids[has_property], region[has_property])
     shells = read_shells(elements.of(SHELLS), grids, properties, notes)
     beams = read_beams(elements.of((*BEAMS, *RODS)), grids)
     called = {int(card.text(0)): f"{card.name} {card.text(0)}" for card in elements.cards}
@@ -145,9 +132,7 @@ def _property(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str])
     if card.name == "PSHELL" and is_general(card, known):
         return ThinProperty(card, general_shell(card, known, notes), 0, tuple(materials_of(card).values()))
     material, section = SECTIONS[card.name](card, notes)
-    if isinstance(section, ShellSection) and any(
-        material_card.name == "MAT8" for material_card in known.get(material, ())
-    ):
+    if isinstance(section, ShellSection) and "MAT8" in {mat.name for mat in known.get(material, ())}:
         ply = Laminate((Ply(material, section.thickness),), section.nonstructural)
         return ThinProperty(card, ply, 0, (material,))
     if isinstance(section, Laminate):

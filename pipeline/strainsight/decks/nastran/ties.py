@@ -30,8 +30,7 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
         tokens = [token for token in card.tokens[3:] if token]
         if tokens and not is_whole(tokens[-1]) and parse_real(tokens[-1]) is not None:
             tokens = tokens[:-1]  # thermal expansion coefficient, not used
-        ids = np.unique(expand(tokens, nodes.sorted, card.where)[0])
-        if not ids.size:
+        if not (ids := np.unique(expand(tokens, nodes.sorted, card.where)[0])).size:
             raise card.error("the card has no dependent node", "specify the dependent nodes")
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
         if reference in rows:
@@ -74,8 +73,7 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
                 if reference in rows
                 else "list each averaged component of this node only once",
             )
-        still = directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))
-        if still.any():
+        if (still := directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))).any():
             raise card.error(
                 f"rotations of node {ids[np.argmax(still)]} are averaged, but the node has no rotations",
                 "average only translations, for example 123 (solids have no rotations)",
@@ -123,8 +121,7 @@ def _um_set(card: Card, tokens: list[str], nodes: NodeTable, count: int) -> IntA
     """(row, component) of the dependent motions: pairs of a node and its components."""
     motions: list[tuple[int, int]] = []
     for i in range(0, len(tokens), 2):
-        node = parse_integer(tokens[i])
-        if node is None:
+        if (node := parse_integer(tokens[i])) is None:
             raise card.error(
                 f"{tokens[i]!r} in the UM set is not a node id", "specify pairs of a node and its components"
             )

@@ -19,7 +19,6 @@ from strainsight.mesh.assigned_sections import (
     Groups,
     SectionsByGroup,
     regions_with_sections,
-    sections_by_region,
     with_given,
 )
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
@@ -292,7 +291,7 @@ def read_meshio(
         source=str(path),
         included=loaded.included,
     )
-    return with_given(mesh, shells, sections_by_region(chosen))
+    return with_given(mesh, shells, chosen)
 
 
 def _position(raw: Any, path: str, notes: list[str]) -> FloatArray:
@@ -336,8 +335,7 @@ def _check_cells(raw: Any, blocks: list[int], points: int, path: str) -> None:
         width = len(KINDS[kind].nodes) if kind in KINDS else WIDTH[kind]
         if nodes.ndim != 2 or nodes.shape[1] != width or nodes.dtype.kind not in "iu":
             raise error_at(path, f"the {kind} cells do not have {width} nodes each", remedy)
-        wrong = nodes[(nodes < 0) | (nodes >= points)]
-        if wrong.size:
+        if (wrong := nodes[(nodes < 0) | (nodes >= points)]).size:
             what = f"a {kind} cell refers to point {wrong[0]} (counted from 0), but the mesh has only {plural(points, 'point')}"
             raise error_at(path, what, remedy)
 

@@ -19,16 +19,8 @@ from scipy import sparse
 
 from strainsight.decks.text import describe_non_integer, error_at, parse_integer, read_text
 from strainsight.errors import DeckError
-from strainsight.foreign.matrices.formats import (
-    LARGEST,
-    MARKERS,
-    Column,
-    binary_matrices,
-    read_calculix,
-    read_dofs,
-    read_market,
-    text_matrices,
-)
+from strainsight.foreign.matrices.calculix import read_calculix, read_dofs
+from strainsight.foreign.matrices.formats import LARGEST, MARKERS, Column, binary_matrices, read_market, text_matrices
 from strainsight.memory import require_memory
 from strainsight.text import plain_cell
 
@@ -188,8 +180,7 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
             "write one line node,component for each matrix row",
         )
     _, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
-    again = np.flatnonzero(first[inverse.ravel()] != np.arange(len(pairs)))
-    if again.size:
+    if (again := np.flatnonzero(first[inverse.ravel()] != np.arange(len(pairs)))).size:
         row = int(again[0])
         raise error_at(
             f"{path}:{lines[row]}",
@@ -256,8 +247,7 @@ def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def _integer(cell: str, path: Path, number: int) -> int:
-    value = parse_integer(cell)
-    if value is None:
+    if (value := parse_integer(cell)) is None:
         remedy = "write node ids and components as integers"
         raise error_at(f"{path}:{number}", describe_non_integer("the node id or component", cell[:40]), remedy)
     return value

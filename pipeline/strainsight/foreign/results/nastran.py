@@ -72,8 +72,7 @@ class Op2File:
         """The records of every table whose name is wanted, one in memory at a time; others are skipped. Raises DeckError with
         the byte position if the file is damaged, or ends inside a data block."""
         while self._length:
-            name = self._logical(keep=True)
-            if name is None:
+            if (name := self._logical(keep=True)) is None:
                 continue  # end of the file, or of one of several concatenated files
             # the file header has no two-word name in front
             table = self.text(name[0]) if name and len(name[0]) == _NAME * self.width else ""
@@ -175,7 +174,7 @@ def op2_responses(path: Path) -> Iterator[Response]:
                 head = None
             elif record.table == _EIGENVALUES:
                 masses |= _modal_masses(op2, record)
-            elif head.is_displacement:
+            elif head.table in (_DISPLACEMENT, _EIGENVECTOR) and head.thermal != 1 and not head.sort & _RANDOM:
                 is_basic = _is_basic(record.table)
                 if basic.setdefault((head.analysis, head.subcase), is_basic) == is_basic:
                     counts[head.subcase] += head.analysis != _MODE
@@ -195,10 +194,6 @@ class _Head(NamedTuple):
     row: int
     thermal: int
     label: str
-
-    @property
-    def is_displacement(self) -> bool:
-        return self.table in (_DISPLACEMENT, _EIGENVECTOR) and self.thermal != 1 and not self.sort & _RANDOM
 
 
 def _head(op2: Op2File, record: Record) -> _Head:
@@ -326,8 +321,7 @@ def _blocks(path: Path) -> Iterator[_Block]:
 
 def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response:
     header, where = block.header, f"{path}:{block.number}"
-    subcase = parse_integer(header.get("SUBCASE ID", ""))
-    if subcase is None:
+    if (subcase := parse_integer(header.get("SUBCASE ID", ""))) is None:
         raise damage_error("the comments before this line have no SUBCASE ID", where)
     if other := next((what for word, what in _OVER.items() for key in header if key.startswith(word)), None):
         raise unsupported_error(other, where)
@@ -366,8 +360,7 @@ def _rows(block: _Block, path: Path) -> tuple[np.ndarray, np.ndarray, int]:
     first = np.flatnonzero(is_node)
     # first line of a node, its second line, and then another point
     second = np.append(goes_on, [False, False])
-    wrong = first[~second[first + 1] | second[first + 2]]
-    if wrong.size:
+    if (wrong := first[~second[first + 1] | second[first + 2]]).size:
         raise damage_error("the displacements of a node must have two lines", f"{path}:{block.number + int(wrong[0])}")
 
     def place(row: int) -> str:

@@ -66,8 +66,7 @@ def _positions(nodes: list[NodeTable], ids: np.ndarray) -> np.ndarray | None:
     """Positions (n, 3) of these nodes; NaN for missing nodes, None if the file has no positions."""
     if not nodes:
         return None
-    table = IdTable(np.concatenate([node_table.ids for node_table in nodes]))
-    rows, missing = table.rows(ids)
+    rows, missing = IdTable(np.concatenate([node_table.ids for node_table in nodes])).rows(ids)
     return np.where(missing[:, None], np.nan, np.concatenate([node_table.position for node_table in nodes])[rows])
 
 
@@ -175,8 +174,7 @@ def universal_responses(path: Path) -> Iterator[Response]:
     datasets without end, unreadable numbers, and for complex, transient, frequency and buckling results."""
     counts: Counter[int] = Counter()
     for dataset in _datasets(path):
-        response = _universal_response(dataset, counts, path)
-        if response is not None:
+        if (response := _universal_response(dataset, counts, path)) is not None:
             yield response
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from strainsight.decks.faults import find_duplicate
 from strainsight.decks.text import damage_error, error_at, open_file, parse_integer, parse_real
-from strainsight.errors import DeckError
+from strainsight.errors import DeckError, UserError
 from strainsight.mesh.thin import FloatArray, IntArray
 
 
@@ -78,6 +78,59 @@ def unsupported_error(what: str, where: str) -> DeckError:
     )
 
 
+RIGID = 1e-4
+"""Ratio to the highest frequency below which a mode is a rigid-body mode."""
+UNIT = 0.02
+"""Deviation of ΦᵀMΦ from one that integration or mass lumping of a program may cause."""
+OFF = 0.1
+"""Difference of ΦᵀMΦ between mesh and file above which they are different models."""
+
+
+def check_modes(frequency: np.ndarray, where: tuple[str, ...]) -> None:
+    """Raise UserError unless every mode (m,) [Hz] has stiffness."""
+    if (rigid := np.flatnonzero(~(frequency > RIGID * frequency.max(initial=0.0)))).size:
+        raise UserError(
+            f"the structure is free or unstable: a mode is at {frequency[rigid[0]]:.4g} Hz, below {RIGID:g} times the highest "
+            f"frequency {frequency.max():.4g} Hz (modes below this limit: {rigid.size})",
+            where=where[int(rigid[0])],
+            remedy="add the supports of the test, or soft springs, to the analysis, and export modes and responses again",
+        )
+
+
+def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
+    """ΦᵀMΦ (m,) [kg m²] that normalises the shapes, and a note on its source. file_mass: from the file or the config; mesh_mass:
+    from the mesh. Raises UserError if both are missing or they are inconsistent."""
+    if file_mass is None and mesh_mass is None:
+        raise UserError(
+            "the normalisation of the modes is unknown: the file does not define it, and the mesh has no density",
+            key="mesh.results.modal_mass",
+            remedy="set `modal_mass: unit` if ΦᵀMΦ = 1 in units of the file (always in CalculiX, with NORM = MASS on EIGRL in "
+            "Nastran). Otherwise specify densities in mesh.materials, and write results of all nodes",
+        )
+    if file_mass is None:
+        assert mesh_mass is not None
+        return mesh_mass, [
+            f"modes are normalised with the densities of the mesh; ΦᵀMΦ of the first mode of the file was {mesh_mass[0]:.4g} kg"
+        ]
+    if mesh_mass is None:
+        return file_mass, []
+    ratio = mesh_mass / file_mass
+    worst = int(np.argmax(np.abs(np.log(ratio))))
+    off = abs(ratio[worst] - 1)
+    what = (
+        f"the modal mass of mode {worst + 1} from the densities of the mesh is {ratio[worst]:.4g} times the "
+        "value in the results"
+    )
+    if off > OFF:
+        raise UserError(
+            what,
+            key="mesh.results",
+            remedy="use the densities, point masses and units of the original analysis, or remove the densities. If "
+            "the modes do not have unit mass, set `modal_mass: mesh`",
+        )
+    return file_mass, [f"{what}; the value in the results is used"] if off > UNIT else []
+
+
 T = TypeVar("T")
 
 
@@ -128,8 +181,7 @@ def integers(text: np.ndarray, place: Callable[[int], str]) -> IntArray:
 
 
 def _parse_word(parse: Callable[[str], T | None], word: bytes, place: Callable[[int], str], row: int) -> T:
-    value = parse(word.decode("latin-1").strip())
-    if value is None:
+    if (value := parse(word.decode("latin-1").strip())) is None:
         text = " ".join(word.decode("latin-1").split())
         raise damage_error(f"{text!r} is not a finite number", place(row))
     return value
@@ -164,8 +216,7 @@ def printed_modes(path: Path) -> Iterator[Response]:
     (CD); scalar points are left out. Raises DeckError with the line for unreadable data, and for a file without modes."""
     is_f06 = ".f06" in (ending.lower() for ending in path.suffixes)
     steps = _of_nastran(path) if is_f06 else _of_calculix(path)
-    steps_with_modes = [step for step in steps if step.eigenvalue]
-    if not steps_with_modes:
+    if not (steps_with_modes := [step for step in steps if step.eigenvalue]):
         what = "R E A L   E I G E N V A L U E S" if is_f06 else "E I G E N V A L U E   O U T P U T"
         raise error_at(
             path,
@@ -235,7 +286,6 @@ def _of_calculix(path: Path) -> list[_Step]:
 
 
 def _real(word: str, path: Path, line: int) -> float:
-    value = parse_real(word)
-    if value is None:
+    if (value := parse_real(word)) is None:
         raise damage_error(f"{word!r} is not a finite number", f"{path}:{line}")
     return value

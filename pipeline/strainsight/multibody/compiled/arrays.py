@@ -314,8 +314,7 @@ class Compiled:
 
     def at(self, system: System, theta: np.ndarray) -> StepPoint:
         """A point with everything that depends on θ (nθ,), without a state. Raises the errors of a law with these parameters."""
-        point = self._prepared.get(theta.tobytes())
-        if point is None:
+        if (point := self._prepared.get(theta.tobytes())) is None:
             point = self._prepare(system, theta)
             while len(self._prepared) >= REMEMBERED:
                 del self._prepared[next(iter(self._prepared))]
@@ -351,7 +350,6 @@ _compiled: WeakKeyDictionary[System, Compiled] = WeakKeyDictionary()
 
 def compile_system(system: System) -> Compiled:
     """The compiled form of a system, created once."""
-    result = _compiled.get(system)
-    if result is None:
+    if (result := _compiled.get(system)) is None:
         result = _compiled[system] = Compiled(system)
     return result

@@ -133,8 +133,7 @@ def parameter_coordinates(
     bearing that has a free parameter its six values [m] in the order of PARAMETERS, for those that are no parameter of the
     system. Raises InfeasibleError for an unknown name or bearing, a name twice, a value that has no ξ."""
     names, reference = list(system_parameters), np.array(theta, dtype=float)
-    twice = sorted({name for name in free if list(free).count(name) > 1})
-    if twice:
+    if twice := sorted({name for name in free if list(free).count(name) > 1}):
         raise InfeasibleError(f"parameter listed twice: {', '.join(twice)}", remedy="list each parameter once")
     unknowns: list[_Unknown] = []
     for name in free:
