@@ -122,6 +122,21 @@ def test_expected_sigma_of_an_unknown_load_has_mass_as_a_source(beam):
     assert "mass" not in less.budget["tip"]
 
 
+def test_two_unknown_forces_at_a_node_lack_one_mass_that_moves_in_three_directions(beam):
+    """Frequencies of the reduced model with the mass against those of a mesh with a point mass there: 1e-4."""
+    signal = {"type": "sine", "frequency": 15.0, "amplitude": 500.0}
+    side = {"node": TIP, "direction": [0, 1, 0], "known": False, "signal": signal}
+    unknown = {"place.estimate": ["tip", "side"], "validate.initial_std": {"tip": 0.5, "side": 0.5}, "loads.side": side}
+    own = beam(OF_A_LOAD | unknown | {"tolerances": NOTHING | {"load_mass": 0.02}})
+    mass = {"node": TIP, "mass": 0.02 * mass_properties(own.mesh)[0]}
+    added = beam(OF_A_LOAD | {"tolerances": "none", "mesh.point_masses": {"cell": mass}})
+    model = own.reduced.model
+    K, M = (each.at(model.reference) for each in (model.stiffness, model.mass))
+    heavy = np.sqrt(eigh(K, M + own.tolerated.lacking, eigvals_only=True)[:3]) / (2 * np.pi)
+    np.testing.assert_allclose(heavy, added.reduced.frequency[:3], rtol=1e-4)
+    assert heavy[0] < 0.99 * own.reduced.frequency[0]
+
+
 def test_simulated_test_samples_the_mass_at_an_unknown_force(beam):
     own = beam(OF_A_LOAD | {"tolerances": NOTHING | {"load_mass": 0.01}})
     model, s = own.reduced.model, np.ones((own.reduced.model.size, 1))

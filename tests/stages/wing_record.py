@@ -12,10 +12,11 @@ from __future__ import annotations
 import re
 import runpy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg import eigh
 
 MESHES = Path(__file__).parents[2] / "meshes"
 DATA = Path(__file__).parent / "data" / "wing.npz"
@@ -117,6 +118,13 @@ def loads(seed: int = 1) -> dict[str, np.ndarray]:
         series = np.fft.irfft(inside * (rng.standard_normal(len(inside)) + 1j * rng.standard_normal(len(inside))))[:n]
         found[name] = SIZES[name] * series / series.std() * (3 * rise**2 - 2 * rise**3)
     return found
+
+
+def with_tip_mass(own: Responses, mass: float) -> Responses:
+    """The wing with a point mass [t] at the tip that moves up and back: eigenvectors of I + m φφᵀ among the modes."""
+    at_tip = own.force[:, :2]
+    square, of_modes = eigh(np.diag(own.frequency**2), np.eye(len(at_tip)) + mass * at_tip @ at_tip.T)
+    return replace(own, frequency=np.sqrt(square), force=of_modes.T @ own.force, strain=own.strain @ of_modes)
 
 
 def stored() -> tuple[list[Place], Responses]:

@@ -135,9 +135,9 @@ class Tolerances(GaugeTolerances):
         0.01,
         ge=0,
         le=0.5,
-        description="Standard deviation of the mass that the model lacks at each unknown force (load cell, fixture, part of the "
-        "exciter), relative to the mass of the structure [-]. An unknown load cannot be distinguished from the inertia of such "
-        "a mass. Use 0 if `mesh.point_masses` contains these masses.",
+        description="Standard deviation of the mass that the model lacks at each point of unknown forces (load cell, fixture, "
+        "part of the exciter), relative to the mass of the structure [-]. An unknown load cannot be distinguished from the "
+        "inertia of such a mass, which also biases a modulus. Use 0 if `mesh.point_masses` contains these masses.",
     )
     model: Annotated[float, GAIN] = expert(
         0.0,

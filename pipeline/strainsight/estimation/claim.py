@@ -126,6 +126,11 @@ class ClaimedStd:
     std: np.ndarray
     budget: Mapping[str, np.ndarray]
 
+    def with_masses(self, std: np.ndarray) -> ClaimedStd:
+        """The claim with σ (T + 1, n*) of x* by masses that the model lacks."""
+        budget = {**self.budget, MASS: self.budget.get(MASS, 0.0) + std**2}
+        return ClaimedStd(np.hypot(self.std, std[:, None]), budget)
+
 
 def covariance_recursion(
     model: FilterModel,
@@ -406,7 +411,4 @@ def _with_inertia(
     mean = np.zeros((len(x), model.size))
     mean[:, : model.parameter_states.start] = states_at(model, x, loads)
     inertia = inertia_std(model, considered, mean, loads[:, model.columns[1]])[first:]
-    if not inertia.any():
-        return claim
-    budget = {**claim.budget, MASS: claim.budget.get(MASS, 0.0) + inertia**2}
-    return ClaimedStd(np.hypot(claim.std, inertia[:, None]), budget)
+    return claim.with_masses(inertia) if inertia.any() else claim

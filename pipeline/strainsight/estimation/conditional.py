@@ -39,7 +39,8 @@ class ConsideredParameters:
     the first ν, others zero: linearisation point of the readings (`linearise_about_samples`). centre (k,): parameters whose
     natural frequencies are used at all
     others (`tune_frequencies`); None: no common frequencies. inertia (p, n + n_known): σ of the mass at each of p unknown loads
-    times its acceleration, in unit amplitudes of the load, per state and known load (`inertia_std`); empty without."""
+    times its acceleration, in unit amplitudes of the load, per state and known load (`inertia_std`); empty without. lacking (r,
+    r): one σ of these masses in the mass matrix, for parameters that known loads determine (`filter_records`); empty without."""
 
     source: tuple[str, ...]
     D: np.ndarray
@@ -59,6 +60,7 @@ class ConsideredParameters:
     masses: int = 0
     centre: np.ndarray | None = None
     inertia: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    lacking: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def sources(self, modes: int) -> tuple[str, ...]:
         """Meaning of each ν, those of the motion first."""

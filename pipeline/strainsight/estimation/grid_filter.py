@@ -8,7 +8,7 @@ out. The extended filter is overconfident because it linearises their product wi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -26,6 +26,7 @@ from strainsight.estimation.grid_filter_points import (
     refuse_lost,
 )
 from strainsight.estimation.mixture import C, Mixture, Weights
+from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT
 from strainsight.estimation.parameter_grid import (
     GridConstruction,
@@ -59,7 +60,7 @@ class GridRun:
     posterior of the parameters; nu (B, d), left (B, d, d): mean and covariance of ν at each point, frequencies relative to
     those at the centre; about (d,): ν about which readings are linear; centre (k,): as in `ConsideredParameters`; grid_count:
     number of grids built; step (k,): grid step of each parameter, infinite for columns; run: filter run, with the considered
-    parameters in its σ."""
+    parameters in its σ; by_mass (k,): change that `widened` the posterior, empty without."""
 
     point: np.ndarray
     weight: np.ndarray
@@ -70,6 +71,7 @@ class GridRun:
     grid_count: int
     step: np.ndarray
     run: FilterRun
+    by_mass: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def posterior(self) -> tuple[np.ndarray, np.ndarray]:
@@ -84,6 +86,30 @@ class GridRun:
         mean = self.weight @ self.nu
         off = self.nu - mean
         return mean, np.einsum("b,bdk->dk", self.weight, self.left) + (off * self.weight[:, None]).T @ off
+
+    def widened(self, change: np.ndarray, model: FilterModel) -> GridRun:
+        """The run with c cᵀ, of a change c (k,) of the parameters p, added to their covariance P, and to that of loads f by
+        regression:
+
+            P + c cᵀ,     Σ_f + g gᵀ,   g = Σ_fp P⁻¹ c
+
+        The points move away from the mean by the ratio of the factors of both covariances."""
+        mean, covariance = self.posterior
+        before, after = (np.linalg.cholesky(each) for each in (covariance, covariance + np.outer(change, change)))
+        stretch, run, k = after @ np.linalg.inv(before), self.run, len(change)
+        joint = run.unknown_covariance
+        by_change = (joint[..., -k:] @ np.linalg.solve(joint[..., -k:, -k:], change[:, None]))[..., 0]
+        by_change[..., -k:] = change
+        std = run.std.copy()
+        std[..., model.position] = np.hypot(std[..., model.position], by_change)
+        wider = joint + by_change[..., :, None] * by_change[..., None, :]
+        return replace(
+            self,
+            point=mean + (self.point - mean) @ stretch.T,
+            step=self.step * np.sqrt(np.diag(covariance + np.outer(change, change)) / np.diag(covariance)),
+            run=replace(run, std=std, unknown_covariance=wider),
+            by_mass=change,
+        )
 
 
 def filter_on_grid(record: GridRecord, keep: Keep = "all") -> GridRun:
@@ -111,7 +137,23 @@ def filter_records(
     loads and offsets of each record start from mean and covariance of the first record, independently. Records may differ in
     step and noise, not in unknowns, channels and ν. progress: called with the fraction of steps done. birge_ratio: as in
     `GridProblem`, above 1 for inconsistent measurements. The ratio is doubled after every FOLLOWED grids, which bounds their
-    number. Other arguments as in `filter_on_grid`."""
+    number. Other arguments as in `filter_on_grid`.
+
+    Masses that the model lacks at unknown loads bias the parameters that known loads determine. The posterior is widened by
+    the change of its mean with one σ of them in the model, because a linear slope holds for a fraction of σ only."""
+    runs = _filter_records(records, keep, progress, birge_ratio)
+    model = records[0].model
+    if not (records[0].considered.lacking.any() and model.unknowns.parameters and model.known_inputs):
+        return runs
+    heavier = [record.with_lacking_mass() for record in records]
+    change = _filter_records(heavier, "parameters", None, birge_ratio)[0].posterior[0] - runs[0].posterior[0]
+    return tuple(run.widened(change, model) for run in runs)
+
+
+def _filter_records(
+    records: Sequence[GridRecord], keep: Keep, progress: Callable[[float], None] | None, birge_ratio: float
+) -> tuple[GridRun, ...]:
+    """As `filter_records`, with the masses of the model."""
     problem, runs = GridProblem(tuple(records), "parameters", None, True, False, birge_ratio), None
     if problem.bilinear:
         problem = _centre_frequencies(problem)

@@ -154,6 +154,13 @@ class GridRecord:
         mean, covariance = self.start
         return replace(self, model=self.model.with_parameters(theta), mean=mean, covariance=covariance)
 
+    def with_lacking_mass(self) -> GridRecord:
+        """The record with one σ of the masses that the model lacks in the model."""
+        rom, considered = self.model.model, self.considered
+        mass = replace(rom.mass, constant=rom.mass.constant + considered.lacking)
+        model = replace(self.model, model=replace(rom, mass=mass))
+        return replace(self, model=model, considered=replace(considered, lacking=np.zeros((0, 0))))
+
     @cached_property
     def free(self) -> tuple[FilterModel, FilterModel]:
         """Models with free unknown loads: with all process noise, and with that of the loads alone. Their `process` is a

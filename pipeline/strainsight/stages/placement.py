@@ -200,7 +200,7 @@ PLACE = Stage(
 
 ESTIMATE = Stage(
     "estimate",
-    version=48,
+    version=49,
     reads=(
         "seed",
         "mesh.point_masses",
@@ -250,7 +250,7 @@ SPECTRUM = Stage(
 
 VALIDATE = Stage(
     "validate",
-    version=38,
+    version=39,
     reads=(
         "damping",
         *(

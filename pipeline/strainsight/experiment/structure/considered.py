@@ -18,6 +18,7 @@ from strainsight.estimation.conditional import (
     none_considered,
     theta_at,
 )
+from strainsight.estimation.grid_filter import GridRun
 from strainsight.estimation.model import FilterModel, inputs_of, theta_of
 from strainsight.estimation.record import GridRecord, Settled, periodic_start
 from strainsight.estimation.run import FilterRun
@@ -32,7 +33,12 @@ from strainsight.experiment.structure.tolerated_loads import (
     stacked,
     tolerated_loads,
 )
-from strainsight.experiment.structure.tolerated_masses import frequency_errors, inertia_rows, load_mass_std
+from strainsight.experiment.structure.tolerated_masses import (
+    frequency_errors,
+    inertia_rows,
+    lacking_mass,
+    load_mass_std,
+)
 from strainsight.experiment.structure.truth import modulus_estimated
 from strainsight.rom.modal_step import modal_step, simulate
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
@@ -78,8 +84,8 @@ class Tolerated:
     channels (k,): of train.h5, ascending; quantity (k,); channel_of_grid, sign, gauge: of g grids (`Candidates.grids`), gauge is
     common to grids that move together; slope: name → (g, n) per reduced coordinate; unreduced: name → (g, f) per load error
     outside the reduced basis [1/N]; mean (g, n): mean change of the reading; zeros: errors independent of the motion;
-    loads: load errors; load_mass (n_u,): σ of the mass at each force [kg]; damping, frequency, masses, stiffness, learned,
-    discrepancy: see `ConsideredParameters`."""
+    loads: load errors; load_mass (n_u,): σ of the mass at each force [kg]; damping, frequency, masses, lacking, stiffness,
+    learned, discrepancy: see `ConsideredParameters`."""
 
     channels: np.ndarray
     quantity: np.ndarray
@@ -95,6 +101,7 @@ class Tolerated:
     frequency: np.ndarray
     masses: int
     load_mass: np.ndarray
+    lacking: np.ndarray
     stiffness: float
     learned: bool
     discrepancy: float
@@ -135,6 +142,7 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
         float(np.log(tolerances.damping)),
         *frequency_errors(structure, training.rows[wanted]),
         load_mass_std(structure),
+        lacking_mass(structure),
         0.0 if modulus_estimated(structure.config) else tolerances.model,
         tolerances.treat == "estimate",
         tolerances.discrepancy,
@@ -282,6 +290,7 @@ def build_considered(
         frequency=tolerated.frequency,
         masses=tolerated.masses,
         inertia=inertia_rows(tolerated.load_mass, model),
+        lacking=tolerated.lacking,
     )
 
 
@@ -316,11 +325,12 @@ def budget_of(
     channels: np.ndarray,
     run: FilterRun,
     smoothed: Smoothed,
+    grid_run: GridRun | None,
 ) -> tuple[Shares, tuple[str, ...]]:
     """Variance budget of the filtered unknowns, linearised along the smoothed motion and parameters; and a sentence for each
     unknown without a budget, because its σ differs by more than HOLDS.
 
-    channels (m,): rows of train.h5. Tolerances are included only for the parameter grid filter."""
+    channels (m,): rows of train.h5; grid_run: None for other filters, without tolerances in the budget."""
     model = record.model
     x = smoothed.mean[:, 0, : model.size]
     if not np.isfinite(x).all():
@@ -338,6 +348,10 @@ def budget_of(
     if by_grid:
         considered = build_considered(tolerances, at, channels)
         claim = predict_grid_std(at, motion, u, record.covariance, considered, record.settled, first)
+        if grid_run is not None and len(grid_run.by_mass):
+            of_masses = np.zeros((len(claim.std), at.size))
+            of_masses[:, at.parameter_states] = grid_run.by_mass
+            claim = claim.with_masses(of_masses)
     else:
         claim = covariance_recursion(at, motion, u, record.covariance, first=first)
     whole, shares = variances(problem, claim)

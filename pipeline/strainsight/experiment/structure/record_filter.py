@@ -238,7 +238,7 @@ def budget_in(record: RecordFilter, result: FilteredRecord) -> tuple[Shares, tup
     if len(record.biased):
         return {}, ("no variance budget: channel offsets are estimated",)
     known = record.grid_record, record.test.channels
-    return budget_of(record.problem, record.tolerances, *known, result.run, result.smoothed)
+    return budget_of(record.problem, record.tolerances, *known, result.run, result.smoothed, result.grid_run)
 
 
 def forecast_of(filters: Sequence[RecordFilter], wanted: Wants) -> float | None:

@@ -64,14 +64,27 @@ def point_mass_errors(structure: Structure, field: np.ndarray) -> tuple[np.ndarr
     return tuple(factors)
 
 
-def mass_errors(
-    structure: Structure, input_shape: np.ndarray, turned: np.ndarray, field: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """`point_mass_errors`, and those of the masses at unknown forces. Their motion is the input shape (n, n_u) of three
-    perpendicular unit forces; turned (n, n_u, 2): its change by rotations of the force [1/rad]."""
+def load_mass_errors(structure: Structure, input_shape: np.ndarray, turned: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Errors m mᵀ of the mass matrix by the masses at unknown forces, one at each place: m (n, 3), the input shape (n, n_u) of
+    three perpendicular unit forces; turned (n, n_u, 2): its change by rotations of the force [1/rad]."""
     shapes = np.concatenate([input_shape[:, :, None], turned], axis=2)
-    at_loads = (np.sqrt(std) * shapes[:, i] for i, std in enumerate(load_mass_std(structure)) if std > 0)
-    return (*at_loads, *point_mass_errors(structure, field))
+    loads, std = structure.config.loads, load_mass_std(structure)
+    at: dict[tuple[object, ...], np.ndarray] = {}
+    for i, name in enumerate(structure.reduced.model.inputs):
+        if std[i] > 0:
+            at.setdefault((loads[name].node, loads[name].set, loads[name].deck_load), np.sqrt(std[i]) * shapes[:, i])
+    return tuple(at.values())
+
+
+def lacking_mass(structure: Structure) -> np.ndarray:
+    """`ConsideredParameters.lacking` of the masses at k places of unknown forces: their change of the mass matrix (r, r), by a
+    factor that gives the sum of k changes |sᵢ| c, sᵢ standard normal, its RMS k c √((1 + (k − 1) 2/π)/k)."""
+    reduced = structure.reduced
+    errors = load_mass_errors(structure, reduced.model.input_shape, reduced.misaligned.shape[..., :2])
+    if structure.config.train.model == "static" or not errors:
+        return np.zeros((0, 0))
+    k = len(errors)
+    return np.asarray(np.sqrt((1 + (k - 1) * 2 / np.pi) / k) * sum(m @ m.T for m in errors))
 
 
 def frequency_errors(structure: Structure, rows: np.ndarray) -> tuple[np.ndarray, int]:

@@ -21,7 +21,7 @@ from strainsight.experiment.structure.reduction import full_model, solver_of
 from strainsight.experiment.structure.references import load_shapes, parameters_of, point_loads
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.structure import Structure
-from strainsight.experiment.structure.tolerated_masses import BY_MODE, mass_errors
+from strainsight.experiment.structure.tolerated_masses import BY_MODE, load_mass_errors, point_mass_errors
 from strainsight.experiment.system import Resources, installation_std
 from strainsight.fem.affine import Parameter, at_their_references, of_stiffness
 from strainsight.fem.loads import PointLoad, misaligned_shape, misalignment_shapes
@@ -97,7 +97,7 @@ def misaligned_loads(config: PlacementConfig) -> bool:
 def model_of(
     config: PlacementConfig, model: ReducedModel, realisation: int, masses: Sequence[np.ndarray] = ()
 ) -> ReducedModel:
-    """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, masses (`mass_errors`)
+    """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, masses
     M + Σ sᵢ m mᵀ, and stiffness K exp(s σ).
 
     s, sᵢ: standard normal, sᵢ per mode; |sᵢ| for masses, which a model lacks. `damping_factor` of `validate.truth` replaces
@@ -273,7 +273,8 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     if structure.tolerances.load_mass > 0 or config.mesh.point_masses:
         turned = misalignment_shapes(built.model, list(loads.values()))[..., :2]
         along = np.einsum("ia,iuk->auk", basis, turned)
-        masses = mass_errors(structure, model.input_shape, along, nodal(built.model, basis))
+        masses = load_mass_errors(structure, model.input_shape, along)
+        masses += point_mass_errors(structure, nodal(built.model, basis))
 
     def sample(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
         installation = installation_of(config, pool, realisation).take(pool, gauges)

@@ -130,7 +130,8 @@ def validation_of(
     allowed = np.flatnonzero(~np.isin(screened.reason, UNSUITABLE))
     studies, lost = studies_of(trial, config.studies, settings.initial_std, screened.kept, allowed, seed, watch)
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
-    budget, without = budget_of(problem, tolerances, record, trial.chosen, run, smoothed)
+    grid_run = filtered.grid_runs[0] if filtered.grid_runs else None
+    budget, without = budget_of(problem, tolerances, record, trial.chosen, run, smoothed, grid_run)
     innovations = nis(run.whitened[:, 0])
     validated = Validated(
         time=trial.time,
@@ -146,7 +147,7 @@ def validation_of(
         ),
         field=_field(trial, model, run),
         sweep=swept,
-        posterior=posteriors_of(problem, trial.covariance, filtered.grid_runs[0] if filtered.grid_runs else None),
+        posterior=posteriors_of(problem, trial.covariance, grid_run),
         compared=compared(problem, record) if compare else None,
         budget=budget_of_shares(budget),
     )
