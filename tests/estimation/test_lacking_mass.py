@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.estimation.claim import predict_grid_std
 from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.grid_filter_smoother import smooth_on_grid
 from strainsight.estimation.record import GridRecord
 from strainsight.loads.input_models import IntegratedRandomWalk
+from strainsight.rom.modal_step import simulate
 
 from .conftest import HEIGHT, LENGTH, RHO, WIDTH, make_beam, make_filter, prior, sine
 from .truth import draw_truth
@@ -68,6 +70,27 @@ def test_change_by_masses_widens_the_modulus_and_moves_loads_by_their_regression
     later, narrower = (smooth_on_grid(record, run) for run in (own, plain))
     assert later.std[-1, 0, -1] == pytest.approx(np.sqrt(variance[0, 0]), rel=1e-9)
     assert np.all(later.std[late, 0, 6] > narrower.std[late, 0, 6])
+
+
+def test_expected_change_is_that_of_estimates_of_readings_with_and_without_the_mass(record):
+    """A twentieth of the mass, where its effect is linear to 1 %, and readings without noise."""
+    share, theta = 0.05, record.model.model.reference
+    light = replace(record, considered=replace(record.considered, lacking=share * record.considered.lacking))
+    models, considered = (record.model, light.with_lacking_mass().model), none_considered(record.model)
+    u = np.concatenate([np.zeros_like(record.known), record.known], axis=2)
+    motions = [simulate(model.model, theta, u, model.h) for model in models]
+    readings = [x[1:, :3] @ record.model.H[:, :3].T for x in motions]
+    claims = [
+        predict_grid_std(record.model, motions[0], u, record.covariance, considered, by_mass=by_mass)
+        for by_mass in ((readings[1] - readings[0]) / share, None)
+    ]
+    expected = np.sqrt(claims[0].std[-1, 0, -1] ** 2 - claims[1].std[-1, 0, -1] ** 2)
+    assert claims[0].budget["mass"][-1, -1] == pytest.approx(expected**2, rel=1e-9)
+    off, plain = (
+        filter_on_grid(replace(record, samples=each, considered=considered), "parameters").posterior[0]
+        for each in readings[::-1]
+    )
+    assert abs(off[0] - plain[0]) == pytest.approx(share * expected, rel=0.01)
 
 
 def test_masses_do_not_widen_a_modulus_without_a_known_load(record):

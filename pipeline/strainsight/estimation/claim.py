@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_solve
 from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 
 from strainsight.estimation.conditional import (
@@ -126,6 +127,12 @@ class ClaimedStd:
     std: np.ndarray
     budget: Mapping[str, np.ndarray]
 
+    def changed_by_mass(self, change: np.ndarray) -> ClaimedStd:
+        """The claim with a change (k,) of the parameters, which x* ends with, by one σ of the masses that the model lacks."""
+        std = np.zeros((len(self.std), self.std.shape[-1]))
+        std[:, -len(change) :] = change
+        return self.with_masses(std)
+
     def with_masses(self, std: np.ndarray) -> ClaimedStd:
         """The claim with σ (T + 1, n*) of x* by masses that the model lacks."""
         budget = {**self.budget, MASS: self.budget.get(MASS, 0.0) + std**2}
@@ -213,6 +220,7 @@ def predict_grid_std(
     considered: ConsideredParameters,
     settled: Settled | None = None,
     first: int = 0,
+    by_mass: np.ndarray | None = None,
 ) -> ClaimedStd:
     """Standard deviation of x* = [s, p] that the grid filter will claim along a given motion, for B sets of sensors.
 
@@ -228,6 +236,8 @@ def predict_grid_std(
         σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
 
     Arguments and parts as in `covariance_recursion`, settled as in `filter_on_grid`. p is not correlated with s at t = 0.
+    by_mass: change (T, m) of the readings by one σ of masses that the model lacks, if they change p: by Λ_pc Σ εᵀS⁻¹e, e the
+    innovations of this change in the first set.
     Raises NumericalError if an innovation covariance is not positive definite. R and z use orthogonal factors: sums would
     lose the directions of confounded constants at small noise. Source: Friedland, IEEE Trans. Automatic Control 14 (1969);
     `parallel_filters.advance` and `Mixture` take the same steps."""
@@ -255,11 +265,13 @@ def predict_grid_std(
     claimed = _Claimed(model.size, len(u) + 1 - first, source, followed)
     if first == 0:
         claimed.after(0, errors)
+    off, on_constants = np.zeros(n), np.zeros(c)
     for k, step in enumerate(steps_along(model, trajectory, u, considered, B), start=1):
         A, pushed = step.A[:n, :n], np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
         if estimates:
             errors.predict(A, *noise, pushed)
             followed.predict(A)
+            off = A @ off
         if state_errors is not None:
             state_errors.predict(A, *configured, pushed)
         if step.sampled:
@@ -268,7 +280,12 @@ def predict_grid_std(
             read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
             if estimates:
                 K, L = gain(errors.P, H, R, step.instant)
-                followed.update(errors.parts, K[0], L, H[0], by_sensors(R), errors.slope(H, read))
+                slope = errors.slope(H, read)
+                followed.update(errors.parts, K[0], L, H[0], by_sensors(R), slope)
+                if by_mass is not None:
+                    e = by_mass[k - 1] - H[0] @ off
+                    on_constants += slope[0] @ cho_solve((L[0], True), e)
+                    off = off + K[0] @ e
                 errors.update(K, H, R, read)
             if state_errors is not None:
                 gaining = slice(d if ahead else 0)
@@ -276,7 +293,8 @@ def predict_grid_std(
                 state_errors.update(schmidt_gain(state_errors.P, H, R, state_errors.V[:, gaining], slope), H, R, read)
         if k >= first:
             claimed.after(k - first, errors if state_errors is None else state_errors, state_errors is not None)
-    return _with_inertia(claimed.claim(), model, considered, trajectory, u, first)
+    claim = _with_inertia(claimed.claim(), model, considered, trajectory, u, first)
+    return claim if by_mass is None else claim.changed_by_mass(followed.covariance()[0][0, :, d - c :].T @ on_constants)
 
 
 class _Errors:

@@ -142,12 +142,16 @@ def filter_records(
     Masses that the model lacks at unknown loads bias the parameters that known loads determine. The posterior is widened by
     the change of its mean with one σ of them in the model, because a linear slope holds for a fraction of σ only."""
     runs = _filter_records(records, keep, progress, birge_ratio)
-    model = records[0].model
-    if not (records[0].considered.lacking.any() and model.unknowns.parameters and model.known_inputs):
+    if not feels_lacking_mass(records[0]):
         return runs
     heavier = [record.with_lacking_mass() for record in records]
     change = _filter_records(heavier, "parameters", None, birge_ratio)[0].posterior[0] - runs[0].posterior[0]
-    return tuple(run.widened(change, model) for run in runs)
+    return tuple(run.widened(change, records[0].model) for run in runs)
+
+
+def feels_lacking_mass(record: GridRecord) -> bool:
+    """Whether masses that the model lacks at unknown loads bias parameters: those that known loads determine."""
+    return bool(record.considered.lacking.any() and record.model.unknowns.parameters and record.model.known_inputs)
 
 
 def _filter_records(

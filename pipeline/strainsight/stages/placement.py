@@ -167,7 +167,7 @@ OBSERVE = Stage(
 
 PLACE = Stage(
     "place",
-    version=39,
+    version=40,
     reads=(
         "seed",
         "mesh.length_unit",

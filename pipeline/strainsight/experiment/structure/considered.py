@@ -349,9 +349,7 @@ def budget_of(
         considered = build_considered(tolerances, at, channels)
         claim = predict_grid_std(at, motion, u, record.covariance, considered, record.settled, first)
         if grid_run is not None and len(grid_run.by_mass):
-            of_masses = np.zeros((len(claim.std), at.size))
-            of_masses[:, at.parameter_states] = grid_run.by_mass
-            claim = claim.with_masses(of_masses)
+            claim = claim.changed_by_mass(grid_run.by_mass)
     else:
         claim = covariance_recursion(at, motion, u, record.covariance, first=first)
     whole, shares = variances(problem, claim)

@@ -15,6 +15,7 @@ from strainsight.experiment.layout.placement import Placement
 from strainsight.experiment.structure.candidates import of_channels
 from strainsight.experiment.structure.considered import Tolerated, build_considered, first_instant, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
+from strainsight.experiment.structure.tolerated_masses import readings_of_mass
 from strainsight.ordering import index_of_largest
 from strainsight.placement.score import redundant_groups, score
 from strainsight.records.placed import ByCase
@@ -32,13 +33,14 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated, fai
     exists = channels >= 0
     flat, owner = channels[exists], np.nonzero(exists)[0]
     silent = np.where(owner == np.arange(-1, len(gauges) if failures else 0)[:, None], SILENT, 1.0)
-    model = filter_model(problem, flat, problem.h)
-    model = replace(model, r=model.r * silent)
+    plain = filter_model(problem, flat, problem.h)
+    model = replace(plain, r=plain.r * silent)
     start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
     considered, first = build_considered(tolerances, model, flat), first_instant(problem, len(problem.x))
     if problem.method == "grid":
         settled = settled_under(problem, problem.loading)
-        claim = predict_grid_std(model, problem.x, problem.u, start, considered, settled, first)
+        by_mass = readings_of_mass(problem, plain, considered)
+        claim = predict_grid_std(model, problem.x, problem.u, start, considered, settled, first, by_mass)
     else:
         claim = covariance_recursion(model, problem.x, problem.u, start, considered, first)
     if not np.isfinite(claim.std).all():

@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from strainsight.estimation.conditional import acceleration_rows, theta_at
+from strainsight.estimation.claim import states_at
+from strainsight.estimation.conditional import (
+    ConsideredParameters,
+    acceleration_rows,
+    linear_models,
+    none_considered,
+    theta_at,
+)
+from strainsight.estimation.grid_filter import feels_lacking_mass
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.record import GridRecord
+from strainsight.experiment.structure.problem import Problem
+from strainsight.experiment.structure.start import motion_of
 from strainsight.experiment.structure.structure import Structure
 from strainsight.mesh.additions import nodes_at
 from strainsight.rom.model import modal_basis
@@ -15,6 +28,8 @@ BY_MODE = 0.5
 """σ of the frequency error of a single mode, relative to that common to all modes."""
 TYPICAL_MASS, LEAST_SHIFT = 0.01, 1e-3
 """Mass of an accelerometer with cable [kg], and the smallest relative change of a frequency that is reported."""
+STEP = 0.1
+"""Mass, in σ, for the slope of the readings."""
 SHARE, MOST = 0.999, 6
 """Share of the inertial readings in training covered by modes with separate frequency errors, and most such modes."""
 
@@ -85,6 +100,22 @@ def lacking_mass(structure: Structure) -> np.ndarray:
         return np.zeros((0, 0))
     k = len(errors)
     return np.asarray(np.sqrt((1 + (k - 1) * 2 / np.pi) / k) * sum(m @ m.T for m in errors))
+
+
+def readings_of_mass(problem: Problem, model: FilterModel, considered: ConsideredParameters) -> np.ndarray | None:
+    """Change (T, m) of the readings in the training simulation by one σ of the masses at unknown loads, to first order; None
+    without effect (`feels_lacking_mass`)."""
+    known, size = problem.u[..., model.columns[1]], model.size
+    considered = replace(considered, lacking=STEP * considered.lacking)
+    record = GridRecord(model, np.zeros(size), np.zeros((size, size)), known, np.zeros((0, 0)), considered)
+    if not feels_lacking_mass(record):
+        return None
+    loads, readings = np.concatenate([problem.u[:1, 0], problem.u.sum(axis=1)]), []
+    for each in (model, record.with_lacking_mass().model):
+        x = motion_of(each.model, each.model.reference, problem.loading)
+        one = linear_models(each, np.zeros((1, len(problem.unknowns.parameters))), none_considered(each))
+        readings.append(states_at(each, x, loads)[1:] @ one.H[0].T + loads[1:, model.columns[1]] @ one.F[0].T)
+    return np.asarray((readings[1] - readings[0]) / STEP)
 
 
 def frequency_errors(structure: Structure, rows: np.ndarray) -> tuple[np.ndarray, int]:
