@@ -12,8 +12,9 @@ from strainsight.estimation.claim import covariance_recursion, predict_grid_std
 from strainsight.experiment.layout.advice import Expectation, sigma_text
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.placement import Placement
+from strainsight.experiment.structure.budget import first_instant, variances
 from strainsight.experiment.structure.candidates import of_channels
-from strainsight.experiment.structure.considered import Tolerated, build_considered, first_instant, variances
+from strainsight.experiment.structure.considered import Tolerated, build_considered
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
 from strainsight.experiment.structure.tolerated_masses import readings_of_mass
 from strainsight.ordering import index_of_largest

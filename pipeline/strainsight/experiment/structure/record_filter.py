@@ -19,14 +19,8 @@ from strainsight.estimation.record import GridRecord, Settled
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, WantedCovariances, smooth
-from strainsight.experiment.structure.considered import (
-    RENEWED,
-    Shares,
-    Tolerated,
-    budget_of,
-    build_considered,
-    on_average,
-)
+from strainsight.experiment.structure.budget import Shares, budget_of
+from strainsight.experiment.structure.considered import RENEWED, Tolerated, build_considered, on_average
 from strainsight.experiment.structure.filtering import by_moments
 from strainsight.experiment.structure.measured import Measured, in_record, settled_in
 from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance

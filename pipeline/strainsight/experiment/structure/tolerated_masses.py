@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.estimation.claim import states_at
 from strainsight.estimation.conditional import (
     ConsideredParameters,
     acceleration_rows,
@@ -14,6 +13,7 @@ from strainsight.estimation.conditional import (
     none_considered,
     theta_at,
 )
+from strainsight.estimation.error_steps import states_at
 from strainsight.estimation.grid_filter import feels_lacking_mass
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import GridRecord

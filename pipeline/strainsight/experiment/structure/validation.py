@@ -30,7 +30,8 @@ from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.layout.gauge_list import layout_labels
-from strainsight.experiment.structure.considered import budget_of, tolerated
+from strainsight.experiment.structure.budget import budget_of
+from strainsight.experiment.structure.considered import tolerated
 from strainsight.experiment.structure.filtering import (
     by_grid,
     compared,
