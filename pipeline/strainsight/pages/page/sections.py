@@ -100,11 +100,9 @@ def panel(heading: str, content: str) -> str:
     return f'<section class="card"><h3>{heading}</h3>{content}</section>' if content else ""
 
 
-def first_screen(tiles: str, content: str, cautions: Iterable[str]) -> str:
-    """First screen: tiles, content below them, and cards with cautions."""
-    above = f'<div class="tiles">{tiles}</div>' if tiles else ""
-    below = figures(cautions, grid="cautions")
-    return f'<section id="answer" aria-label="answer">{above}<div class="first">{content}</div>{below}</section>'
+def first_screen(content: str, cautions: Iterable[str]) -> str:
+    """First screen, with cards of cautions below its content."""
+    return f'<section id="answer" aria-label="answer">{content}{figures(cautions, grid="cautions")}</section>'
 
 
 def caution(heading: str, content: str, kind: str = "notes") -> str:

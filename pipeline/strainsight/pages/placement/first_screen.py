@@ -47,7 +47,7 @@ def first_screen(report: PlacementReport, scene: bytes | None, scene_problem: st
         sections.caution("Observability", items(_observable(report))),
         sections.caution("Not tested", bullets(report.not_tested)),
     )
-    return sections.first_screen("", f'{view}{picture}<div class="tiles">{tiles}</div>', cautions)
+    return sections.first_screen(f'<div class="first">{view}{picture}<div class="tiles">{tiles}</div></div>', cautions)
 
 
 def answer(report: PlacementReport) -> str:

@@ -79,7 +79,10 @@ def findings_screen(report: Findings) -> str:
         sections.caution("Warnings", first + more * (len(report.warnings) > SHOWN), "warnings"),
         sections.caution("Not tested", bullets([NOT_TESTED] * (not report.hold_out))),
     )
-    return sections.first_screen("".join(map(_tile, report.unknowns)) + consistency, _channels(report), cautions)
+    tiles = "".join(map(_tile, report.unknowns)) + consistency
+    return sections.first_screen(
+        f'<div class="tiles">{tiles}</div><div class="first">{_channels(report)}</div>', cautions
+    )
 
 
 def _tile(unknown: TestedUnknown) -> str:
