@@ -131,18 +131,6 @@ def test_a_gain_alone_scales_readings_and_an_offset_shifts_them(beam):
         assert 1e-9 < np.abs(shift).max() < 5e-6
 
 
-def test_stated_sizes_are_the_same_in_every_repeat(beam):
-    case, pool = beam.case, beam.training.candidates
-    fixed = [f"validate.truth.{entry}" for entry in ("gauge_offset=0.002", "gauge_rotation=3", "damping_factor=1.5")]
-    assert beam.drawn("tolerances=none", *fixed).again is None
-    one, other = (installation_of(case(*fixed).config, pool, i) for i in (0, 4))
-    np.testing.assert_array_equal(one.place, other.place)
-    np.testing.assert_allclose(np.linalg.norm(one.place, axis=1), 0.002, rtol=1e-12)
-    np.testing.assert_allclose(np.abs(one.angle), np.deg2rad(3), rtol=1e-12)
-    assert not np.array_equal(one.gain, other.gain)
-    assert model_of(case(*fixed).config, scalars(), 3).damping.viscous(np.ones(2))[0] == pytest.approx(0.03)
-
-
 def scalars(count=2):
     """Oscillators of 1 kg and 1 … N/m with 1 % of damping."""
     stiffness = AffineOperator(np.diag(np.arange(1.0, count + 1)), {})

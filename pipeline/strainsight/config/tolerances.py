@@ -194,21 +194,6 @@ class TruthSection(Section):
         description="Parameter values of the simulated test, by parameter name [Pa, kg/m³, or 1 for a factor]; default: the "
         "guess.",
     )
-    damping_factor: Annotated[NotNegative | None, Plausible(0.01, 100.0)] = expert(
-        None,
-        description="With `model: perturbed`: damping of the simulated test divided by damping of the filter, equal in every "
-        "mode [-]; null: sampled from `tolerances`.",
-    )
-    gauge_offset: Annotated[NotNegative | None, MISPLACED] = expert(
-        None,
-        description="With `model: perturbed`: size of the location error of every gauge that is not yet bonded [m]. The "
-        "direction of the error is random for each gauge. Null: sampled from `tolerances`.",
-    )
-    gauge_rotation: Annotated[NotNegative | None, Plausible(0.01, 45.0, "deg")] = expert(
-        None,
-        description="With `model: perturbed`: size of the direction error of every gauge that is not yet bonded [deg]. The "
-        "sign of the error is random for each gauge. Null: sampled from `tolerances`.",
-    )
 
 
 class Sweeps(Section):

@@ -49,23 +49,9 @@ class LoadError:
 
 
 def installation_of(config: PlacementConfig, pool: Candidates, realisation: int) -> Installation:
-    """Sample installation errors, number `realisation` of the config's seed (0 for the layout).
-
-    A position or angle error set by `validate.truth` has this size, in a direction sampled once for all realisations."""
-    settings = config.validation.truth
+    """Sample installation errors, number `realisation` of the config's seed (0 for the layout)."""
     rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
-    installation = sample_installation(pool, installation_std(tolerances_of(config.tolerances)), rng)
-    fixed = np.random.default_rng(config.seed)
-    grids = pool.grids
-    heading, way = fixed.uniform(0, 2 * np.pi, grids.gauges), fixed.choice([-1.0, 1.0], grids.gauges)
-    free = ~grids.bonded[grids.first]
-    if settings.gauge_offset is not None:
-        ahead = np.column_stack([np.cos(heading), np.sin(heading)])
-        installation = replace(installation, place=settings.gauge_offset * ahead * free[:, None])
-    if settings.gauge_rotation is not None:
-        turn = np.deg2rad(settings.gauge_rotation) * way * free
-        installation = replace(installation, angle=turn, tilt=np.zeros_like(installation.tilt))
-    return installation
+    return sample_installation(pool, installation_std(tolerances_of(config.tolerances)), rng)
 
 
 def load_error_of(config: PlacementConfig, name: str, known: bool, realisation: int) -> LoadError:
@@ -100,16 +86,14 @@ def model_of(
     """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, masses
     M + Σ sᵢ m mᵀ, and stiffness K exp(s σ).
 
-    s, sᵢ: standard normal, sᵢ per mode; |sᵢ| for masses, which a model lacks. `damping_factor` of `validate.truth` replaces
-    sampled damping. The stiffness is unchanged if a modulus is estimated."""
-    tolerances, damping_factor = tolerances_of(config.tolerances), config.validation.truth.damping_factor
+    s, sᵢ: standard normal, sᵢ per mode; |sᵢ| for masses, which a model lacks. The stiffness is unchanged if a modulus is
+    estimated."""
+    tolerances = tolerances_of(config.tolerances)
     rng = np.random.default_rng([config.seed, realisation, MODEL])
     scale = np.exp(tolerances.model * rng.standard_normal())
     factors = np.exp(np.log(tolerances.damping) * rng.standard_normal(model.size))
     common, by_mode = rng.standard_normal(), rng.standard_normal(model.size)
-    if damping_factor is not None:
-        model = replace(model, damping=model.damping.scaled(damping_factor))
-    elif tolerances.damping > 1:
+    if tolerances.damping > 1:
         model = replace(model, damping=model.damping.scaled(factors.tolist()))
     if tolerances.frequency > 0:
         # coordinates are modal
@@ -126,16 +110,14 @@ def model_of(
 
 def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
     """Sampled errors with σ, in words; by_rows: whether gauges are imported as a strain operator, which cannot be moved."""
-    tolerances, settings, moved = tolerances_of(config.tolerances), config.validation.truth, not by_rows
-    damped = [f"factor {tolerances.damping:g} on the damping ratio of every mode"] * (
-        tolerances.damping > 1 and settings.damping_factor is None
-    )
+    tolerances, moved = tolerances_of(config.tolerances), not by_rows
+    damped = [f"factor {tolerances.damping:g} on the damping ratio of every mode"] * (tolerances.damping > 1)
     sources = (
         ("frequency", 100, "natural frequencies {:g} %", True),
         ("load_mass", 100, "mass at each unknown force {:g} % of the structure", _some_unknown_force(config)),
         ("model", 100, "stiffness {:g} %", not modulus_estimated(config)),
-        ("position", 1e3, "gauge position {:g} mm per axis", moved and settings.gauge_offset is None),
-        ("angle", 1, "gauge angle {:g}°", moved and settings.gauge_rotation is None),
+        ("position", 1e3, "gauge position {:g} mm per axis", moved),
+        ("angle", 1, "gauge angle {:g}°", moved),
         ("gain", 100, "channel gain {:g} %", True),
         ("common_gain", 100, "common gain of all gauges {:g} %", True),
         ("transverse", 100, "transverse sensitivity {:g} %", moved),
@@ -158,17 +140,9 @@ def varies(config: PlacementConfig) -> bool:
 
 def in_words(config: PlacementConfig, by_rows: bool) -> str:
     """Describe the errors of the truth, beginning with a comma; by_rows: see `_sources`."""
-    settings, fixed = config.validation.truth, []
-    if settings.damping_factor is not None:
-        fixed.append(f"damping × {settings.damping_factor:g}")
-    if by_rows:
-        fixed.append("gauges in their exact positions, because an imported strain operator cannot be moved")
-    elif settings.gauge_offset is not None or settings.gauge_rotation is not None:
-        sizes = ((settings.gauge_offset, 1e3, " mm"), (settings.gauge_rotation, 1.0, "°"))
-        parts = (f"{factor * size:g}{unit}" for size, factor, unit in sizes if size is not None)
-        fixed.append(f"gauges misplaced by {' and '.join(parts)}")
+    exact = "gauges in their exact positions, because an imported strain operator cannot be moved"
     sources = _sources(config, by_rows)
-    words = fixed + ([f"errors sampled with σ: {', '.join(sources)}"] if sources else [])
+    words = [exact] * by_rows + [f"errors sampled with σ: {', '.join(sources)}"] * bool(sources)
     return "".join(f", {text}" for text in words)
 
 
