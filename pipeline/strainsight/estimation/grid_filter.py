@@ -94,20 +94,18 @@ class GridRun:
             P + c cᵀ,     Σ_f + g gᵀ,   g = Σ_fp P⁻¹ c
 
         The points move away from the mean by the ratio of the factors of both covariances."""
-        mean, covariance = self.posterior
-        before, after = (np.linalg.cholesky(each) for each in (covariance, covariance + np.outer(change, change)))
-        stretch, run, k = after @ np.linalg.inv(before), self.run, len(change)
-        joint = run.unknown_covariance
+        (mean, covariance), run, k = self.posterior, self.run, len(change)
+        wide, joint = covariance + np.outer(change, change), run.unknown_covariance
+        stretch = np.linalg.cholesky(wide) @ np.linalg.inv(np.linalg.cholesky(covariance))
         by_change = (joint[..., -k:] @ np.linalg.solve(joint[..., -k:, -k:], change[:, None]))[..., 0]
         by_change[..., -k:] = change
         std = run.std.copy()
         std[..., model.position] = np.hypot(std[..., model.position], by_change)
-        wider = joint + by_change[..., :, None] * by_change[..., None, :]
         return replace(
             self,
             point=mean + (self.point - mean) @ stretch.T,
-            step=self.step * np.sqrt(np.diag(covariance + np.outer(change, change)) / np.diag(covariance)),
-            run=replace(run, std=std, unknown_covariance=wider),
+            step=self.step * np.sqrt(np.diag(wide) / np.diag(covariance)),
+            run=replace(run, std=std, unknown_covariance=joint + by_change[..., :, None] * by_change[..., None, :]),
             by_mass=change,
         )
 

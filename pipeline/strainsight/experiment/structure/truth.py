@@ -83,8 +83,8 @@ def misaligned_loads(config: PlacementConfig) -> bool:
 def model_of(
     config: PlacementConfig, model: ReducedModel, realisation: int, masses: Sequence[np.ndarray] = ()
 ) -> ReducedModel:
-    """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, masses
-    M + Σ sᵢ m mᵀ, and stiffness K exp(s σ).
+    """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, masses M + Σ sᵢ m mᵀ,
+    and stiffness K exp(s σ).
 
     s, sᵢ: standard normal, sᵢ per mode; |sᵢ| for masses, which a model lacks. The stiffness is unchanged if a modulus is
     estimated."""
