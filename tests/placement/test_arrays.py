@@ -19,8 +19,9 @@ def system(states=4, candidates=8):
 
 
 def variances(F, H, Q, R, gauges):
-    g = list(gauges)
-    return np.diag(solve_continuous_are(F.T, H[g].T, Q, np.diag(R[g])))
+    """In units of the noise: with others SciPy's pencil is singular on some processors."""
+    rows = (H / np.sqrt(R)[:, None])[list(gauges)]
+    return np.diag(solve_continuous_are(F.T, rows.T, Q, np.eye(len(rows))))
 
 
 @pytest.mark.parametrize("states", [None, [1, 3]])
@@ -93,7 +94,7 @@ def test_modes_and_a_strain_operator_give_the_best_pair():
     def sigma(gauges):
         unit = np.diag([*(1 / omega), 1, 1, 1, 1, 1])  # displacements in units of velocities: SciPy needs that
         F_, Q_ = np.linalg.solve(unit, F @ unit), np.linalg.solve(unit, np.linalg.solve(unit, Q).T)
-        return np.sqrt(variances(F_, 1e6 * H @ unit, Q_, 1e12 * R, gauges)[6:])
+        return np.sqrt(variances(F_, H @ unit, Q_, R, gauges)[6:])
 
     whole = sigma(range(9))
     best = min(combinations(range(9), 2), key=lambda g: np.sum((sigma(g) / whole) ** 2))
